@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import itertools
-import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 from statistics import mean
@@ -16,21 +15,19 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Annotation
-from matplotlib.ticker import LogFormatter, ScalarFormatter
-from matplotlib.transforms import Bbox
 
+from benchmarks.chart_parts import WORK, name_in, tidy, time_axis, write_names
 from benchmarks.measure import SCORED
 from benchmarks.page import write_html
+from benchmarks.speed_charts import speed_figure
 from benchmarks.suites import SETTINGS_APART
 from benchmarks.surface_charts import surface_figures, surface_tables
+from mgf_engine.errors import BadInput
 from mgf_engine.stages import STAGE_NAMES
 
 Row = dict[str, Any]
 _COLORS = ("#4c78a8", "#f58518", "#54a24b", "#b279a2", "#9d9da1", "#e45756", "#72b7b2", "#eeca3b")
 STAGE_COLORS = dict(zip(STAGE_NAMES, itertools.cycle(_COLORS), strict=False))
-#: Where a name may stand beside its point (points right and up); the first that is free is taken.
-_SIDES = [(x, y) for y in (4, -11, 14, -21, 24, -31) for x in (5, -5)]
 
 
 def write_page(suite: str, rows: list[Row], out: Path, before: list[Row] | None = None) -> Path:
@@ -50,6 +47,24 @@ def write_page(suite: str, rows: list[Row], out: Path, before: list[Row] | None 
     failed = [row for row in rows if "geometry" not in row]
     tables = overview + summary_tables(done)
     return write_html("page.html.j2", out / f"{suite}.html", suite=suite, charts=made, tables=tables, failed=failed)
+
+
+def write_chart(suite: str, rows: list[Row], path: Path) -> None:
+    """Write the picture of speed against accuracy on all scenes, as PNG.
+
+    Raises:
+        BadInput: there is no row with scores, or the file cannot be written.
+    """
+    done = [row for row in rows if "geometry" in row]
+    if not done:
+        raise BadInput(f"No run of suite '{suite}' has a result yet, so '{path}' was not drawn.")
+    figure = speed_figure(done)
+    try:
+        figure.savefig(path, dpi=110, format="png")
+    except OSError as error:
+        raise BadInput(f"Cannot write the chart to '{path}' ({error.strerror}); give another file.") from error
+    finally:
+        plt.close(figure)
 
 
 def summary_tables(rows: list[Row]) -> list[dict[str, Any]]:
@@ -114,15 +129,16 @@ def _average(values: list[Any], form: str) -> str:
 
 
 def _figures(suite: str, rows: list[Row]) -> Iterable[tuple[str, str, Figure]]:
+    if rows:
+        yield f"{suite}-speed", "all scenes: speed against accuracy", speed_figure(rows)
     for scene in dict.fromkeys(row["scene"] for row in rows):
         mine = [row for row in rows if row["scene"] == scene]
         tag = f"{suite}-{Path(scene).name}"
-        time = ("seconds", "wall time, s")
         if suite == "pareto":
             yield f"{tag}-overview", f"{scene}: speed against accuracy", _overview(mine)
-        yield f"{tag}-f1-time", f"{scene}: F1 against time", _scatter(mine, time, "f1")
+        yield f"{tag}-f1-time", f"{scene}: F1 against work", _scatter(mine, WORK, "f1")
         if any(row.get("psnr") for row in mine):
-            yield f"{tag}-psnr-time", f"{scene}: PSNR against time", _scatter(mine, time, "psnr")
+            yield f"{tag}-psnr-time", f"{scene}: PSNR against work", _scatter(mine, WORK, "psnr")
         for key, name in (("gaussians", "Gaussians"), ("faces", "faces")):
             if any(row.get(key) for row in mine):
                 yield f"{tag}-f1-{key}", f"{scene}: F1 against {name}", _scatter(mine, (key, name), "f1")
@@ -153,10 +169,10 @@ def _moved(now: list[Row], then: list[Row]) -> Figure:
     for variant in ends[0].keys() & ends[1].keys():
         arrow = {"arrowstyle": "->", "color": "#9d9da1", "shrinkA": 5, "shrinkB": 5}
         axes.annotate("", ends[1][variant], ends[0][variant], arrowprops=arrow)
-    _time_axis(axes, "CPU seconds, all cores together")
+    time_axis(axes, WORK[1])
     axes.margins(x=0.15)  # for the names at the points
     axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %")
-    _tidy(axes, legend=True)
+    tidy(axes, legend=True)
     return figure
 
 
@@ -174,7 +190,7 @@ def _overview(rows: list[Row]) -> Figure:
     """F1 and PSNR against the work done, side by side; unlike time, work is the same while other programs run."""
     figure, pair = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
     for axes, y in zip(pair, ("f1", "psnr"), strict=True):
-        _curves(axes, rows, ("cpu_seconds", "CPU seconds, all cores together"), y)
+        _curves(axes, rows, WORK, y)
     return figure
 
 
@@ -201,51 +217,12 @@ def _curves(axes: Axes, rows: list[Row], x: tuple[str, str], y: str) -> None:
         spots.sort()
         style = "" if len(spots) == 1 or group.startswith(SETTINGS_APART) else "-"
         (line,) = axes.plot([s[0] for s in spots], [s[1] for s in spots], marker="o", linestyle=style, label=group)
-        names += [(_name_in(group, name), (work, value), line.get_color()) for work, value, name in spots]
+        names += [(name_in(group, name), (work, value), line.get_color()) for work, value, name in spots]
     axes.margins(x=0.15)  # for the names
-    _time_axis(axes, x[1])
+    time_axis(axes, x[1])
     axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %" if y == "f1" else "PSNR inside the mask, held-out views, dB")
-    _tidy(axes, legend=len(points) > 1)
-    _write_names(axes, names)
-
-
-def _write_names(axes: Axes, names: list[tuple[str, tuple[float, float], Any]]) -> None:
-    """Write each name beside its point, where it covers no other name and no point, if there is such a place."""
-    figure = axes.get_figure()
-    assert isinstance(figure, Figure)
-    figure.draw_without_rendering()  # settles the scales
-    dots = axes.transData.transform([place for _, place, _ in names])
-    taken = [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in dots]
-    legend = axes.get_legend()
-    if legend is not None:
-        taken.append(legend.get_window_extent())
-    for own, (name, place, color) in enumerate(names):
-        label = axes.annotate(name, place, (0, 0), textcoords="offset points", fontsize=7, color=color)
-        others = [box for index, box in enumerate(taken) if index != own]
-
-        def free(side: tuple[float, float], label: Annotation = label, others: list[Bbox] = others) -> bool:
-            label.set_position(side)
-            label.set_horizontalalignment("left" if side[0] > 0 else "right")
-            return label.get_window_extent().count_overlaps(others) == 0
-
-        if not any(free(side) for side in _SIDES):
-            free(_SIDES[0])
-        taken.append(label.get_window_extent())
-
-
-def _name_in(group: str, variant: str) -> str:
-    """A variant's name less what the legend says of its group: "80k" of "80k Gaussians", "(a)" of an ablation."""
-    if group.startswith("ablation") and variant.startswith("("):
-        return variant.partition(" ")[0]
-    told = {group.rstrip("s"), "preset"}
-    return " ".join(word for word in variant.split() if word.rstrip("s") not in told) or variant
-
-
-def _time_axis(axes: Axes, label: str) -> None:
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter(ScalarFormatter())
-    axes.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
-    axes.set_xlabel(label)
+    tidy(axes, legend=len(points) > 1)
+    write_names(axes, names)
 
 
 def _stage_bars(rows: list[Row]) -> Figure:
@@ -260,17 +237,8 @@ def _stage_bars(rows: list[Row]) -> Figure:
         left = [a + b for a, b in zip(left, width, strict=True)]
     axes.invert_yaxis()
     axes.set_xlabel("seconds")
-    _tidy(axes, legend=True)
+    tidy(axes, legend=True)
     return figure
-
-
-def _tidy(axes: Axes, legend: bool) -> None:
-    axes.grid(True, alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
-    if legend:
-        for line in axes.get_lines():
-            line.set_label(textwrap.fill(str(line.get_label()), 44))
-        axes.legend(fontsize=8, frameon=False)
 
 
 def _save(figure: Figure, folder: Path, name: str) -> Path:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.arguments import count, engine_options, results_folder
-from benchmarks.catalogue import with_present_names
+from benchmarks.catalogue import SCENES, scene_spec, with_present_names
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
 from benchmarks.suites import PRINTED, SUITES, half_of, suite_runs
 from mgf_engine import __version__
@@ -86,12 +86,14 @@ def _parser() -> argparse.ArgumentParser:
                         help="table of an earlier version (OUT/<suite>.json): a chart shows what moved")  # fmt: skip
     parser.add_argument("--write", type=Path, metavar="FILE",
                         help="put the table into this document, for example docs/results.md")  # fmt: skip
+    parser.add_argument("--chart", type=Path, metavar="PNG",
+                        help="draw speed against accuracy of all scenes into this picture")  # fmt: skip
     parser.add_argument("--page-only", action="store_true", help="draw the page from the results that are there")
     return parser
 
 
 def _run_suite(args: argparse.Namespace) -> int:
-    from benchmarks.charts import write_page
+    from benchmarks.charts import write_chart, write_page
     from benchmarks.tables import write_table
 
     options, tools = engine_options(args.set), named_values("--external", args.external)
@@ -122,14 +124,25 @@ def _run_suite(args: argparse.Namespace) -> int:
         if path.exists():
             # Names may change between versions of a suite; the result stays the same.
             row = {**json.loads(path.read_text(encoding="utf-8")), "variant": run.variant, "group": run.group}
+            row |= _size(run.scene, args)
             rows.append(row)
             print(f"    {_headline(row)}", flush=True)
     write_json(args.out / f"{args.suite}.json", rows)
     page = write_page(args.suite, rows, args.out, before)
     if args.write:
         write_table(args.write, args.suite, SUITES[args.suite], rows, _further(args, tools))
+    if args.chart:
+        write_chart(args.suite, rows, args.chart)
     print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
     return EXIT_FAULT if failed else EXIT_DONE
+
+
+def _size(scene: str, args: argparse.Namespace) -> dict[str, int]:
+    """How many photos of which width a scene of the catalogue has; nothing of a folder made before."""
+    if scene not in SCENES:
+        return {}
+    spec = scene_spec(scene, photos=args.photos, width=args.width)
+    return {"photos": spec.photos, "width": spec.width}
 
 
 def _further(args: argparse.Namespace, tools: dict[str, str]) -> list[str]:

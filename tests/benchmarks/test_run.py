@@ -240,9 +240,9 @@ def test_tables_average_over_seeds(tmp_path: Path) -> None:
             "variant": "full", "scene": "s", "seed": seed, "group": "g", "psnr": 30.0 + seed, "ssim": None,
             "seconds": 10.0, "cpu_seconds": 18.0, "peak_memory": 1e9, "gaussians": 5000, "faces": 10,
             "stages": {"scene": 1.0, "field": 8.0, "mesh": 1.0},
-            "geometry": {"thresholds": [0.05], "f1": [90.0 + 2 * seed], "accuracy": [90.0], "completeness": [90.0],
-                         "outside_crop": 3.0,
-                         "hygiene": hygiene},
+            "ground_pixel": 0.05,
+            "geometry": {"thresholds": [0.05, 0.1, 0.2], "f1": [90.0 + 2 * seed, 95.0, 99.0], "accuracy": [90.0],
+                         "completeness": [90.0], "outside_crop": 3.0, "hygiene": hygiene},
         }
         for seed in range(3)
     ]  # fmt: skip
@@ -254,11 +254,11 @@ def test_tables_average_over_seeds(tmp_path: Path) -> None:
     )
     text = page.read_text(encoding="utf-8")
     assert "out of &lt;memory&gt;" in text and "92.0 ±2.0" in text
-    assert len(list((tmp_path / "charts").glob("*.svg"))) == 6
+    assert len(list((tmp_path / "charts").glob("*.svg"))) == 7
     earlier = [{**row, "scene": "elsewhere/s", "cpu_seconds": 60.0} for row in rows]
     write_page("pareto", rows, tmp_path / "two", earlier)
     assert (tmp_path / "two/charts/pareto-s-moved.svg").exists()
-    assert len(list((tmp_path / "two/charts").glob("*.svg"))) == 7
+    assert len(list((tmp_path / "two/charts").glob("*.svg"))) == 8
 
 
 @pytest.mark.parametrize("text", [None, "{", "{}", '[{"variant": "full"}]'])
