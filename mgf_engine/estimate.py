@@ -19,7 +19,7 @@ import numpy as np
 from mgf_engine.config import Config
 from mgf_engine.costs import COSTS, amount, bytes_of, least_bytes_of, seconds_of
 from mgf_engine.errors import BadInput
-from mgf_engine.images import read_info
+from mgf_engine.images import UnreadablePhoto, read_infos
 from mgf_engine.masks.building_share import building_share
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
@@ -97,7 +97,10 @@ def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
             )
     else:
         paths = find_photos(photo_names(model), model, source, exclude)
-    looked_at = [read_info(paths[k]) for k in np.unique(np.linspace(0, len(paths) - 1, _HEADERS).astype(int))]
+    infos = read_infos([paths[k] for k in np.unique(np.linspace(0, len(paths) - 1, _HEADERS).astype(int))])
+    looked_at = [info for info in infos if not isinstance(info, UnreadablePhoto)]
+    if not looked_at:
+        raise BadInput(str(infos[0]))
     long, short = (np.median([f((i.width, i.height)) for i in looked_at]) for f in (max, min))
     return Photos(len(paths), (int(long), int(short)), model is not None)
 

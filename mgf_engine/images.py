@@ -33,6 +33,10 @@ _PNG_HOW = (
 _KINDS = "JPEG, PNG, TIFF, WebP or BMP"
 
 
+class UnreadablePhoto(BadInput):
+    """A photo that is missing, damaged or no picture; a job goes on without it where enough others are left."""
+
+
 @dataclass(frozen=True)
 class PhotoInfo:
     """What a photo's header says: stored size in pixels, and the EXIF orientation (1 = as stored)."""
@@ -51,7 +55,7 @@ def read_info(path: Path) -> PhotoInfo:
     """Read the size and orientation from the header, without decoding.
 
     Raises:
-        BadInput: the file is missing or no picture.
+        UnreadablePhoto: the file is missing or no picture.
     """
     try:
         with warnings.catch_warnings():
@@ -70,29 +74,15 @@ def read_info(path: Path) -> PhotoInfo:
     return PhotoInfo(width, height, orientation if 1 <= orientation <= 8 else 1)
 
 
-def read_infos(paths: Sequence[Path]) -> list[PhotoInfo]:
-    """Read the headers of many photos.
-
-    Raises:
-        BadInput: some are missing or no pictures; all are counted, the first is named.
-    """
-    found: list[PhotoInfo] = []
-    refused: list[BadInput] = []
+def read_infos(paths: Sequence[Path]) -> list[PhotoInfo | UnreadablePhoto]:
+    """Read the headers of many photos; for those that cannot be read, return the error instead."""
+    found: list[PhotoInfo | UnreadablePhoto] = []
     for path in paths:
         try:
             found.append(read_info(path))
-        except BadInput as error:
-            refused.append(error)
-    if refused:
-        raise first_of(refused, len(paths))
+        except UnreadablePhoto as error:
+            found.append(error)
     return found
-
-
-def first_of(refused: Sequence[BadInput], count: int) -> BadInput:
-    """Return the refusal of the first of several photos that cannot be used, with how many of ``count`` they are."""
-    if len(refused) == 1:
-        return refused[0]
-    return BadInput(f"{len(refused)} of {count} photos cannot be used, the first of them: {refused[0]}")
 
 
 def read_rgb(path: Path, *, turn: bool = False) -> NDArray[np.uint8]:
@@ -106,12 +96,12 @@ def read_rgb(path: Path, *, turn: bool = False) -> NDArray[np.uint8]:
         uint8 [height, width, 3]; 16-bit values lose their low byte, transparent pixels keep their colour.
 
     Raises:
-        BadInput: the file is missing, cut off or no picture.
+        UnreadablePhoto: the file is missing, cut off or no picture.
     """
     try:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
-        raise BadInput(f"Cannot read the photo '{path}' ({error.strerror}); check the file.") from error
+        raise UnreadablePhoto(f"Cannot read the photo '{path}' ({error.strerror}); check the file.") from error
     flags = cv2.IMREAD_COLOR_RGB if turn else cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
     raw = data.data
     if len(data) == 0 or _is_cut_jpeg(data) or (is_png(raw) and png_size(raw) is None):
@@ -192,9 +182,9 @@ def _is_cut_jpeg(data: NDArray[np.uint8]) -> bool:
     return raw.find(b"\xff\xd9", at) < 0
 
 
-def _unreadable(path: Path) -> BadInput:
+def _unreadable(path: Path) -> UnreadablePhoto:
     what = "does not exist" if not path.exists() else f"cannot be read as {_KINDS}"
-    return BadInput(f"The photo '{path}' {what}; replace the file or export the photo again.")
+    return UnreadablePhoto(f"The photo '{path}' {what}; replace the file or export the photo again.")
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:

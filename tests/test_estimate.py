@@ -17,6 +17,7 @@ from mgf_engine import memory
 from mgf_engine.cli import main
 from mgf_engine.config import make_config
 from mgf_engine.costs import COSTS, amount, bytes_of
+from mgf_engine.errors import BadInput
 from mgf_engine.estimate import (
     Photos,
     Took,
@@ -79,6 +80,18 @@ def test_the_photos_of_a_scene_are_counted_without_reading_them(house: House, tm
     assert inspect_photos(house.folder) == Photos(14, (240, 180))
     shutil.copytree(house.folder / "images", tmp_path / "photos")
     assert inspect_photos(tmp_path / "photos") == Photos(14, (240, 180), placed=False)
+
+
+def test_damaged_photos_do_not_keep_the_others_from_being_counted(house: House, tmp_path: Path) -> None:
+    scene = tmp_path / "scene"
+    shutil.copytree(house.folder, scene)
+    first, *others = sorted((scene / "images").iterdir())
+    first.write_bytes(b"no picture")
+    assert inspect_photos(scene) == Photos(14, (240, 180))
+    for path in others:
+        path.write_bytes(b"no picture")
+    with pytest.raises(BadInput, match=f"{first.name}' cannot be read as JPEG"):
+        inspect_photos(scene)
 
 
 @pytest.mark.parametrize(("photos", "shares", "given", "took"), MEASURED)

@@ -20,14 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import read_info
+from mgf_engine.images import UnreadablePhoto, read_info
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.names import named_like
 
 Points = NDArray[np.float64]
 _SHAPE = '{"photo": {"positive": [[u, v], ...], "negative": [[u, v], ...], "parts": {"window": [[u, v], ...]}}}'
-_POSITIVE, _NEGATIVE = "'positive'", "'negative'"
 _LARGEST_FILE = 32 << 20  # bytes; a thousand clicks on each of a thousand photos take less
 
 
@@ -109,6 +108,8 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
         prompts[index] = _read_clicks(entry, scene.views[index], path)
     if unplaced and not prompts:
         raise BadInput(f"No photo with clicks in '{path}' is in the COLMAP model; click the building in some that are.")
+    if left_out and not prompts:
+        raise BadInput(f"All photos with clicks in '{path}' were left out of the scene; click the building in others.")
     if not any(len(c.positive) for c in prompts.values()):
         raise _none_on_building(path)
     return prompts
@@ -126,18 +127,22 @@ def check_prompts(given: PromptsFile, photos: Mapping[str, Path] | None = None) 
     """
     clicks_on_building = 0
     for name, entry in _read_json(given).items():
-        photo, where = _photo_of(name, given.path, photos), f"'{name}' in '{given.path}'"
-        for kind, values in _lists_of(entry, where):
-            pairs = _read_pairs(values, f"{kind} of {where}")
-            clicks_on_building += len(pairs) * (kind == _POSITIVE)
-            if photo is not None:
-                _check_frame(pairs, read_info(photo).turned_size, f"{kind} of {where}")
+        size = None if photos is None else _size_of(photos[list(photos)[_find_photo(name, list(photos), given.path)]])
+        for kind, title, values in _lists_of(entry, f"'{name}' in '{given.path}'"):
+            pairs = _read_pairs(values, title)
+            clicks_on_building += len(pairs) * (kind == "positive")
+            if size is not None:
+                _check_frame(pairs, size, title)
     if not clicks_on_building:
         raise _none_on_building(given.path)
 
 
-def _photo_of(name: str, path: Path, photos: Mapping[str, Path] | None) -> Path | None:
-    return None if photos is None else photos[list(photos)[_find_photo(name, list(photos), path)]]
+def _size_of(photo: Path) -> tuple[int, int] | None:
+    """Return the size of a photo as it is shown; None where it cannot be read, which the scene stage says."""
+    try:
+        return read_info(photo).turned_size
+    except UnreadablePhoto:
+        return None
 
 
 def clicked_names(given: Path | PromptsFile | None) -> list[str]:
@@ -219,8 +224,8 @@ def _none_on_building(path: Path) -> BadInput:
     return BadInput(f"'{path}' has no click on the building; click at least one point on it in one photo.")
 
 
-def _lists_of(entry: Any, where: str) -> list[tuple[str, Any]]:
-    """Return what should be lists of clicks in a photo's entry, each with what messages call it."""
+def _lists_of(entry: Any, where: str) -> list[tuple[str, str, Any]]:
+    """Return what should be lists of clicks in a photo's entry, each after its kind and what messages call it."""
     if not isinstance(entry, dict):
         raise BadInput(f"The entry of {where} should be an object with 'positive' and 'negative', not {_short(entry)}.")
     unknown = sorted(set(entry) - {"positive", "negative", "parts"})
@@ -229,45 +234,43 @@ def _lists_of(entry: Any, where: str) -> list[tuple[str, Any]]:
     parts = entry.get("parts", {})
     if not isinstance(parts, dict):
         raise BadInput(f"'parts' of {where} should map names to clicks, not be {_short(parts)}.")
-    own = [(kind, entry.get(kind.strip("'"), [])) for kind in (_POSITIVE, _NEGATIVE)]
-    return [*own, *((f"the part '{name}'", values) for name, values in parts.items())]
+    own = [(kind, f"'{kind}' of {where}", entry.get(kind, [])) for kind in ("positive", "negative")]
+    return [*own, *(("parts", f"the part '{name}' of {where}", values) for name, values in parts.items())]
 
 
 def _read_clicks(entry: Any, view: View, path: Path) -> Clicks:
-    where = f"'{view.name}' in '{path}'"
-    positive, negative, *parts = (
-        _read_points(values, view, f"{kind} of {where}") for kind, values in _lists_of(entry, where)
-    )
+    lists = _lists_of(entry, f"'{view.name}' in '{path}'")
+    positive, negative, *parts = (_read_points(values, view, title) for _, title, values in lists)
     return Clicks(positive, negative, dict(zip(map(str, entry.get("parts", {})), parts, strict=True)))
 
 
-def _read_pairs(values: Any, where: str) -> list[tuple[float, float]]:
+def _read_pairs(values: Any, title: str) -> list[tuple[float, float]]:
     if not isinstance(values, list):
-        raise BadInput(f"{_upper(where)} should be a list of [u, v] pairs, not {_short(values)}.")
+        raise BadInput(f"{_upper(title)} should be a list of [u, v] pairs, not {_short(values)}.")
     for value in values:
         pair = isinstance(value, list) and len(value) == 2
         if not pair or not all(isinstance(c, int | float) and not isinstance(c, bool) for c in value):
-            raise BadInput(f"{_upper(where)} holds {_short(value)}, which is not a pair of numbers [u, v].")
+            raise BadInput(f"{_upper(title)} holds {_short(value)}, which is not a pair of numbers [u, v].")
     return [(u, v) for u, v in values]
 
 
-def _check_frame(pairs: Sequence[tuple[float, float]], size: tuple[int, int], where: str) -> None:
+def _check_frame(pairs: Sequence[tuple[float, float]], size: tuple[int, int], title: str) -> None:
     for pair in pairs:
         u, v = (float(c) if abs(c) < 1e9 else math.inf for c in pair)
         if not (0 <= u <= size[0] and 0 <= v <= size[1]):
             raise BadInput(
-                f"{_upper(where)} holds the click ({_short(pair[0])}, {_short(pair[1])}) outside the photo, which "
+                f"{_upper(title)} holds the click ({_short(pair[0])}, {_short(pair[1])}) outside the photo, which "
                 f"has {size[0]} x {size[1]} pixels; click inside it."
             )
 
 
-def _read_points(values: Any, view: View, where: str) -> Points:
-    pairs = _read_pairs(values, where)
-    _check_frame(pairs, (view.original_width, view.original_height), where)
+def _read_points(values: Any, view: View, title: str) -> Points:
+    pairs = _read_pairs(values, title)
+    _check_frame(pairs, (view.original_width, view.original_height), title)
     points = from_original(view, np.array(pairs, np.float64).reshape(-1, 2))
     if not np.isfinite(points).all():
         raise BadInput(
-            f"{_upper(where)} holds a click outside the field of view of the lens; click nearer the photo's centre."
+            f"{_upper(title)} holds a click outside the field of view of the lens; click nearer the photo's centre."
         )
     return np.clip(points, 0, (view.width - 1e-3, view.height - 1e-3))
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import logging
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput, is_full_disk
+from mgf_engine.images import UnreadablePhoto, read_infos
 from mgf_engine.messages import Reporter
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene, View
@@ -27,6 +28,7 @@ from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots, 
 from mgf_engine.scene.sfm import SfmOptions, reconstruct
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
+from mgf_engine.scene.unreadable import check_readable, find_unreadable, warn_of_unreadable
 from mgf_engine.scene.validation import ValidationOptions, drop_views, filter_outliers
 from mgf_engine.system import cores, put_in_place
 
@@ -89,12 +91,14 @@ class _Found:
 
     Attributes:
         paths: of the photos, in the order of the model's images.
-        unplaced: names of the photos that structure from motion could not register.
+        unreadable: photos that structure from motion could not read, by name.
+        unplaced: names of the photos that it could not register.
         done: share of the stage that finding it took.
     """
 
     model: SparseModel
     paths: list[Path]
+    unreadable: dict[str, UnreadablePhoto] = field(default_factory=dict)
     unplaced: tuple[str, ...] = ()
     done: float = 0.0
 
@@ -112,17 +116,14 @@ def _load(
     reporter.progress(0.0)
     found = _find(source, folder, config, reporter)
     scene, photos = _place(found, folder, config, reporter, adjust)
-    used = _used(scene, config.max_photos, clicked)
-
-    def progress(fraction: float) -> None:
-        reporter.progress(found.done + (1.0 - found.done) * fraction, photos=len(used))
-
-    make_photos([photos[i] for i in used], working, config.threads, progress)
+    wanted = _choose_views(scene, config.max_photos, clicked)
+    used = _write_photos(found, [photos[i] for i in wanted], working, config, reporter)
     if len(used) < len(photos):
         log.info("scene: %d of %d photos are used", len(used), len(photos))
-        scene = drop_views(scene, sorted(set(range(len(photos))) - set(used)), config.holdout_every)
+        kept = {wanted[i] for i in used}
+        scene = drop_views(scene, [i for i in range(len(photos)) if i not in kept], config.holdout_every)
     scene = _check(scene, working, config, reporter)
-    scene = replace(scene, left_out=(*scene.left_out, *found.unplaced))
+    scene = replace(scene, left_out=(*scene.left_out, *found.unreadable, *found.unplaced))
     _replace(working, folder / "images")
     PHOTOS.clear()  # their files were renamed
     save_scene(scene)
@@ -144,15 +145,35 @@ def _find(source: Path, folder: Path, config: Config, reporter: Reporter) -> _Fo
 def _reconstruct(source: Path, exclude: Path, folder: Path, config: Config, reporter: Reporter) -> _Found:
     """Make a model of a folder of photos by structure from motion; warns of photos that it could not register."""
     root, names = list_photos(source, exclude)
+    headers = dict(zip(names, read_infos([root / name for name in names]), strict=True))
+    infos = {name: info for name, info in headers.items() if not isinstance(info, UnreadablePhoto)}
+    unreadable = {name: error for name, error in headers.items() if isinstance(error, UnreadablePhoto)}
+    check_readable(unreadable, len(names), config.algorithm(ValidationOptions).most_unreadable)
     options = config.algorithm(SfmOptions)
-    model = read_model(reconstruct(root, names, folder, options, reporter, lambda f: f * _SFM_SHARE))
-    unplaced = sorted(set(names) - {image.name for image in model.images})
+    model = read_model(reconstruct(root, infos, folder, options, reporter, lambda f: f * _SFM_SHARE))
+    unplaced = sorted(infos.keys() - {image.name for image in model.images})
+    unreadable |= find_unreadable(root, unplaced)  # COLMAP does not say why it passes over a photo
+    unplaced = [name for name in unplaced if name not in unreadable]
     if unplaced:
         reporter.warning(
             f"{len(unplaced)} of {len(names)} photos could not be registered and are left out; photos taken "
             "closer together, with more overlap, would help."
         )
-    return _Found(model, [root / image.name for image in model.images], tuple(unplaced), _SFM_SHARE)
+    return _Found(model, [root / image.name for image in model.images], unreadable, tuple(unplaced), _SFM_SHARE)
+
+
+def _write_photos(found: _Found, photos: list[Photo], working: Path, config: Config, reporter: Reporter) -> list[int]:
+    """Write the working photos; warns of those that cannot be read, and returns the indices of the others."""
+    count = len(photos) + len(found.unreadable)
+
+    def progress(fraction: float) -> None:
+        reporter.progress(found.done + (1.0 - found.done) * fraction, photos=len(photos))
+
+    lost = make_photos(photos, working, config.threads, progress)
+    unreadable = found.unreadable | {photos[i].name: error for i, error in lost.items()}
+    check_readable(unreadable, count, config.algorithm(ValidationOptions).most_unreadable)
+    warn_of_unreadable(unreadable, count, reporter)
+    return [i for i in range(len(photos)) if i not in lost]
 
 
 def _place(
@@ -184,7 +205,7 @@ def _check(scene: Scene, working: Path, config: Config, reporter: Reporter) -> S
     return replace(scene, views=tuple(views))
 
 
-def _used(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
+def _choose_views(scene: Scene, limit: int, clicked: Sequence[str]) -> list[int]:
     """Choose at most ``limit`` views (0: all), those with clicks and then those farthest from them."""
     count = len(scene.views)
     if limit == 0 or limit >= count:
@@ -208,7 +229,7 @@ def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: C
     points = model.points
     to_normalised = normalise(points.xyz, np.diff(points.start), centres)
     views = tuple(
-        _view(image.name, photo, *normalise_pose(rotation, image.translation, to_normalised))
+        _view(photo, *normalise_pose(rotation, image.translation, to_normalised))
         for image, photo, rotation in zip(model.images, photos, rotations, strict=True)
     )
     start, track_view, track_uv = _tracks(model, photos)
@@ -221,10 +242,10 @@ def build_scene(model: SparseModel, photos: list[Photo], folder: Path, config: C
     )  # fmt: skip
 
 
-def _view(name: str, photo: Photo, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> View:
+def _view(photo: Photo, rotation: NDArray[np.float64], translation: NDArray[np.float64]) -> View:
     camera = photo.camera
     return View(
-        name=name.replace("\\", "/"), file=f"images/{photo.file}", width=camera.width, height=camera.height,
+        name=photo.name.replace("\\", "/"), file=f"images/{photo.file}", width=camera.width, height=camera.height,
         fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy, rotation=rotation, translation=translation,
         original_width=photo.width, original_height=photo.height, lens=camera.lens,
         photo=str(photo.path), orientation=photo.orientation,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import PhotoInfo, first_of, read_infos, read_rgb, turn, write_png
+from mgf_engine.images import PhotoInfo, UnreadablePhoto, read_infos, read_rgb, turn, write_png
 from mgf_engine.memory import share
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import View
@@ -36,11 +36,13 @@ class Photo:
     """One photo of the model and what is done to it.
 
     Attributes:
+        name: as the model has it.
         width, height: as its camera sees it, in pixels.
         orientation: the EXIF orientation to apply; 1 leaves the stored pixels.
         file: name of the working photo in the ``images`` folder.
     """
 
+    name: str
     path: Path
     width: int
     height: int
@@ -52,6 +54,8 @@ class Photo:
 def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter: Reporter) -> list[Photo]:
     """Look at every photo's header and decide its size, rotation and working camera.
 
+    A photo that cannot be read is planned as its camera says; :func:`make_photos` finds it again.
+
     Args:
         model: cameras of the photos.
         paths: of the photos, in the order of the model's images.
@@ -59,7 +63,7 @@ def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter
         reporter: for warnings.
 
     Raises:
-        BadInput: a photo cannot be read or does not fit its camera.
+        BadInput: a photo does not fit its camera.
     """
     colors = _colors_by_id(model)
     cameras: dict[tuple[int, int, int], WorkingCamera] = {}
@@ -69,14 +73,14 @@ def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter
     for index, (image, path, info) in enumerate(zip(model.images, paths, infos, strict=True)):
         reporter.check()
         camera = model.cameras[image.camera_id]
-        orientation = _orientation(info, camera, image, path, colors)
-        width, height = info.turned_size if orientation != 1 else (info.width, info.height)
+        width, height, orientation = _seen_size(info, camera, image, path, colors)
         if (width, height) != (camera.width, camera.height):
             scaled.append(f"'{image.name}' is {width} x {height}, its camera {camera.width} x {camera.height}")
         key = (camera.id, width, height)
         if key not in cameras:
             cameras[key] = plan_camera(camera, (width, height), resolution)
-        photos.append(Photo(path, width, height, orientation, _file_name(index, image.name), cameras[key]))
+        file = _file_name(index, image.name)
+        photos.append(Photo(image.name, path, width, height, orientation, file, cameras[key]))
     if scaled:
         reporter.warning(
             f"{len(scaled)} of {len(photos)} photos have another size than their camera ({scaled[0]}); "
@@ -85,7 +89,9 @@ def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter
     return photos
 
 
-def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Callable[[float], None]) -> None:
+def make_photos(
+    photos: list[Photo], folder: Path, threads: int, progress: Callable[[float], None]
+) -> dict[int, UnreadablePhoto]:
     """Decode, undistort and resize all photos into ``folder``, in parallel within a memory budget.
 
     Args:
@@ -94,26 +100,25 @@ def make_photos(photos: list[Photo], folder: Path, threads: int, progress: Calla
         threads: number of worker threads; 0 uses all cores.
         progress: called with the share that is done, 0..1.
 
-    Raises:
-        BadInput: photos cannot be decoded; all are counted, the first is named.
+    Returns:
+        The photos that cannot be decoded, index -> what is wrong; nothing is written for them.
     """
     largest = max(p.width * p.height for p in photos) * _BYTES_PER_PIXEL
     workers = max(1, min(threads or cores(), _MAX_WORKERS, share(_SHARE, _MEMORY) // largest))
     with ThreadPoolExecutor(workers) as pool:
         jobs = [pool.submit(_make_photo, photo, folder) for photo in photos]
-        refused: list[BadInput] = []
+        unreadable: dict[int, UnreadablePhoto] = {}
         try:
             for i, job in enumerate(jobs):
                 try:
                     job.result()
-                except BadInput as error:
-                    refused.append(error)  # the others are looked at, too: nobody wants to hear of one at a time
+                except UnreadablePhoto as error:
+                    unreadable[i] = error
                 progress((i + 1) / len(jobs))
-            if refused:
-                raise first_of(refused, len(jobs))
         finally:
             for job in jobs:
                 job.cancel()
+    return unreadable
 
 
 class Room:
@@ -164,8 +169,20 @@ def _turned(path: Path, orientation: int) -> NDArray[np.uint8]:
 def _make_photo(photo: Photo, folder: Path) -> None:
     image = _turned(photo.path, photo.orientation)
     if image.shape[:2] != (photo.height, photo.width):
-        raise BadInput(f"The photo '{photo.path}' does not have the size its header says; export the photo again.")
+        raise UnreadablePhoto(
+            f"The photo '{photo.path}' does not have the size its header says; export the photo again."
+        )
     write_png(folder / photo.file, photo.camera.make_photo(image))
+
+
+def _seen_size(
+    info: PhotoInfo | UnreadablePhoto, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors
+) -> tuple[int, int, int]:
+    """Return width and height of a photo as its camera saw it, and the EXIF orientation to apply for that."""
+    if isinstance(info, UnreadablePhoto):
+        return camera.width, camera.height, 1
+    orientation = _orientation(info, camera, image, path, colors)
+    return *(info.turned_size if orientation != 1 else (info.width, info.height)), orientation
 
 
 def _orientation(info: PhotoInfo, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors) -> int:
@@ -195,7 +212,10 @@ def _orientation_by_color(
     if seen.sum() < 10:
         return 1
     expected = colors.of(image.point_ids[seen])
-    photo = read_rgb(path)
+    try:
+        photo = read_rgb(path)
+    except UnreadablePhoto:
+        return 1
     best = {}
     for orientation in (1, info.orientation):
         turned = turn(photo, orientation)

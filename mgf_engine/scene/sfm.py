@@ -15,7 +15,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -24,7 +24,7 @@ from urllib.parse import quote
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
-from mgf_engine.images import PhotoInfo, read_infos
+from mgf_engine.images import PhotoInfo
 from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.colmap import FEWEST
 from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
@@ -59,13 +59,13 @@ class SfmOptions:
 
 
 def reconstruct(
-    root: Path, names: list[str], folder: Path, options: SfmOptions, reporter: Reporter, share: Share
+    root: Path, photos: Mapping[str, PhotoInfo], folder: Path, options: SfmOptions, reporter: Reporter, share: Share
 ) -> Path:
     """Run structure from motion on a folder of photos.
 
     Args:
         root: the folder the names are relative to.
-        names: the photos, sorted.
+        photos: name -> what its header says, sorted by name.
         folder: where database and model are kept.
         options: of features and matching.
         reporter: for progress and cancelling.
@@ -75,14 +75,14 @@ def reconstruct(
         The folder of the model with the most photos.
 
     Raises:
-        BadInput: there are too few photos, one cannot be read, or they do not fit together.
+        BadInput: there are too few photos, or they do not fit together.
     """
+    names = list(photos)
     if len(names) < FEWEST:
         raise BadInput(
             f"'{root}' holds no COLMAP model and {len(names)} photos; give a COLMAP scene or at least {FEWEST} photos."
         )
-    paths = [root / name for name in names]
-    sizes = [_size_of(path, info) for path, info in zip(paths, read_infos(paths), strict=True)]
+    sizes = [_size_of(root / name, info) for name, info in photos.items()]
     task = {
         "root": str(root), "names": names, "sizes": sizes, "one_camera": len({(w, h) for w, h, *_ in sizes}) == 1,
         "exhaustive": options.exhaustive(len(names)), "seed": options.seed, "threads": options.threads or -1,

@@ -69,6 +69,8 @@ def test_clicks_on_a_photo_that_lies_there_but_was_not_placed_are_passed_over(tm
         read_prompts(write(tmp_path, {"west/unplaced.jpg": {"positive": [[1, 1]]}}), scene)
     left_out = replace(scene, left_out=("west/unplaced.jpg",))
     assert set(read_prompts(write(tmp_path, clicks), left_out, warnings.append)) == {2} and len(warnings) == 1
+    with pytest.raises(BadInput, match=r"All photos with clicks in .* were left out of the scene"):
+        read_prompts(write(tmp_path, {"west/unplaced.jpg": {"positive": [[1, 1]]}}), left_out)
     for name in ("west/gone.jpg", "../outside.jpg", str(tmp_path / "outside.jpg"), "x" * 5000, "a\0b"):
         with pytest.raises(BadInput, match="does not have"):
             read_prompts(write(tmp_path, {name: {"positive": [[1, 1]]}}), scene)
@@ -127,6 +129,13 @@ def test_good_clicks_pass_before_there_is_a_scene(tmp_path: Path):
     check_prompts(PromptsFile.read(path))
     with pytest.raises(BadInput, match="does not have"):
         check_prompts(PromptsFile.read(path), {"other.jpg": tmp_path / "other.jpg"})
+
+
+def test_clicks_on_a_damaged_photo_pass_before_there_is_a_scene(tmp_path: Path):
+    """The scene stage goes on without the photo, so the size it should have is not asked for."""
+    (tmp_path / "damaged.jpg").write_bytes(b"no picture")
+    path = write(tmp_path, {"damaged.jpg": {"positive": [[5000, 1]]}})
+    check_prompts(PromptsFile.read(path), {"damaged.jpg": tmp_path / "damaged.jpg"})
 
 
 def test_missing_and_binary_files(tmp_path: Path, scene: Scene):

@@ -207,11 +207,6 @@ def _wrong_size(source: Path) -> None:
     write_photo(sorted((source / "images").iterdir())[2], np.zeros((100, 100, 3), np.uint8))
 
 
-def _cut(source: Path) -> None:
-    path = sorted((source / "images").iterdir())[2]
-    path.write_bytes(path.read_bytes()[:-2000])
-
-
 def _no_photo(source: Path) -> None:
     sorted((source / "images").iterdir())[2].unlink()
 
@@ -220,10 +215,6 @@ def _photo_is_a_folder(source: Path) -> None:
     path = sorted((source / "images").iterdir())[2]
     path.unlink()
     path.mkdir()
-
-
-def _text(source: Path) -> None:
-    sorted((source / "images").iterdir())[2].write_text("hello")
 
 
 def _half_model(source: Path) -> None:
@@ -240,10 +231,8 @@ def _all_gone(source: Path) -> None:
     ("spoil", "message"),
     [
         (_wrong_size, "100 x 100 pixels but its camera 160 x"),
-        (_cut, "cannot be read as"),
         (_no_photo, "1 of 5 photos"),
         (_photo_is_a_folder, "1 of 5 photos"),
-        (_text, "cannot be read as"),
         (_half_model, "cut off or damaged"),
         (_all_gone, "no COLMAP model and 0 photos"),
     ],
@@ -256,6 +245,43 @@ def test_bad_input_leaves_nothing(spoil: Callable[[Path], None], message: str, s
     assert not (tmp_path / "job" / "scene").exists()
 
 
+def damage(path: Path, keep: float = 0.0) -> str:
+    """Cut a file off, or write something else into it; returns its name."""
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * keep)] or b"no picture")
+    return path.name
+
+
+@pytest.mark.parametrize("damaged", [(2,), (0, 2)], ids=["one photo", "two photos"])
+@pytest.mark.parametrize("keep", [0.0, 0.75], ids=["no picture", "cut off"])
+def test_a_job_goes_on_without_damaged_photos(
+    source: Path, tmp_path: Path, keep: float, damaged: tuple[int, ...]
+) -> None:
+    paths = sorted((source / "images").iterdir())
+    whole = load(source, tmp_path / "whole")
+    names = [damage(paths[i], keep) for i in damaged]
+    messages = Messages()
+    scene = load(source, tmp_path / "job", messages)
+    assert [view.name for view in scene.views] == [path.name for path in paths if path.name not in names]
+    assert scene.left_out == tuple(names) and reprojection(scene).max() < 0.01
+    assert len(list((scene.folder / "images").iterdir())) == len(scene.views)
+    assert np.array_equal(scene.views[0].centre, next(v for v in whole.views if v.name == scene.views[0].name).centre)
+    (warning,) = [text for text in messages.warnings if "cannot be read" in text]
+    named = ", ".join(f"'{name}'" for name in names)
+    assert warning.startswith(f"{len(names)} of 5 photos cannot be read and are left out ({named}); replace")
+    assert_same(scene, read_scene(scene.folder))
+
+
+def test_a_damaged_photo_is_not_asked_how_it_is_turned(tmp_path: Path) -> None:
+    """Where only the colours tell an orientation, the photo is decoded before all others."""
+    source = write_scene(reconstruction(), tmp_path / "scene")
+    paths = sorted((source / "images").iterdir())
+    seen = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    turned_photo(paths[1], seen, 3)
+    damage(paths[1], 0.75)
+    assert paths[1].name in load(source, tmp_path / "job").left_out
+
+
 @pytest.mark.parametrize("photos_alone", [False, True])
 @pytest.mark.parametrize("keep", [0, 3], ids=["no picture", "cut off"])
 def test_photos_that_cannot_be_read_are_counted_and_the_first_is_named(
@@ -264,8 +290,7 @@ def test_photos_that_cannot_be_read_are_counted_and_the_first_is_named(
     if photos_alone and keep:
         pytest.skip("COLMAP itself decodes them")
     for path in sorted((source / "images").iterdir())[1:4]:
-        content = path.read_bytes()
-        path.write_bytes(content[: len(content) * keep // 4] or b"no picture")
+        damage(path, keep / 4)
     if photos_alone:
         shutil.rmtree(source / "sparse")
     first = sorted((source / "images").iterdir())[1].name

@@ -159,11 +159,17 @@ def test_photos_that_do_not_belong_together(tmp_path: Path) -> None:
         load(tmp_path / "noise", tmp_path / "job")
 
 
-def test_a_photo_that_is_none(photos: Path, tmp_path: Path) -> None:
+def test_damaged_photos_are_left_out(photos: Path, tmp_path: Path) -> None:
+    """One whose header cannot be read, and one that COLMAP fails to decode."""
     shutil.copytree(photos, tmp_path / "photos")
     (tmp_path / "photos" / "view 3.png").write_text("no")
-    with pytest.raises(BadInput, match=r"view 3.png' cannot be read"):
-        load(tmp_path / "photos", tmp_path / "job")
+    cut = tmp_path / "photos" / "view 5.png"
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    messages = Messages()
+    scene = load(tmp_path / "photos", tmp_path / "job", messages)
+    assert {"view 3.png", "view 5.png"} <= set(scene.left_out)
+    (warning,) = [text for text in messages.warnings if "cannot be read" in text]
+    assert warning.startswith(f"2 of {VIEWS} photos cannot be read and are left out ('view 3.png', 'view 5.png')")
 
 
 def test_pairs_of_a_sequence(tmp_path: Path) -> None:

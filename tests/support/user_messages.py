@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 GAP = "…"  # where a value goes
 #: Calls that say their first text to people, and those that do so with whole sentences only.
-_SAYING, _SENTENCES = {"BadInput", "UserError", "warning", "warn", "_warn", "Choice"}, {"tr", "N_"}
+_SAYING, _SENTENCES = {"BadInput", "UnreadablePhoto", "UserError", "warning", "warn", "_warn", "Choice"}, {"tr", "N_"}
 #: Functions that make sentences for somebody else to say.
 _MAKING = {"describe_misfits", "low_texture_warning", "missing_text", "sentences", "_ignored_text",
            "_used_text", "_missed_text", "weak_surface", "renamed_values", "choose_device", "poor_photos",

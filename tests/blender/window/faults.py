@@ -103,15 +103,15 @@ def wrong_engine(window: Window, out: Path) -> None:
 
 
 def photos(window: Window, scene: Path) -> None:
-    """A photo that is gone, two that are cut off."""
+    """A photo that is gone; most of them cut off."""
     names = sorted((scene / "images").iterdir())
     away = names[3].rename(scene.parent / names[3].name)  # below the scene it would be found
     fails(window, "3-photo-gone", scene.parent / "job", names[3].name)
     away.rename(names[3])
-    whole = {path: path.read_bytes() for path in names[1:3]}
+    whole = {path: path.read_bytes() for path in names[: len(names) // 2 + 1]}
     for path, content in whole.items():
         path.write_bytes(content[: len(content) // 2])
-    fails(window, "4-photos-cut", scene.parent / "job", f"2 of {len(names)} photos")
+    fails(window, "4-photos-cut", scene.parent / "job", f"{len(whole)} of {len(names)} photos")
     for path, content in whole.items():
         path.write_bytes(content)
 
