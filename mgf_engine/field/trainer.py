@@ -80,7 +80,7 @@ class _Trainer:
         folder.mkdir(parents=True, exist_ok=True)
         self.views = training_views(scene, masks)
         self.votes = config.algorithm(VoteOptions)
-        self.voters = choose_voters(scene, self.views, self.votes)
+        self.voters = choose_voters(scene, self.views, masks.clicked, self.votes)
         self.total = config.run_length(len(self.views))
         self.rates, self.schedule = config.algorithm(LearningRates), config.algorithm(ScheduleOptions)
         self.densification, self.losses = config.algorithm(DensificationOptions), config.algorithm(LossOptions)

@@ -151,7 +151,7 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
     fit = measure_coverage(scene, labels, used, config.algorithm(CoverageOptions))
     labels = mark_ignored(scene, labels, fit)
     rows = np.arange(len(scene.points))
-    voters = choose_voters(scene, np.flatnonzero(used).tolist(), votes)
+    voters = choose_voters(scene, np.flatnonzero(used).tolist(), (), votes)
     points = vote(scene.points, scene, labels, voters, votes, rows, config.threads)
     masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)
     return Propagation(masks, reasons, describe_misfits(scene, fit), consistency(scene, masks, votes.dilation))

@@ -84,9 +84,19 @@ def vote(
     return decide(Votes(inside, outside), options)
 
 
-def choose_voters(scene: Scene, views: Sequence[int], options: VoteOptions = VoteOptions()) -> list[int]:
-    """Choose those of ``views`` whose masks vote: all, or the root photos if any is among them."""
-    roots = set(scene.roots) if options.voters == "roots" else set(views)
+def choose_voters(
+    scene: Scene, views: Sequence[int], clicked: Sequence[int], options: VoteOptions = VoteOptions()
+) -> list[int]:
+    """Choose those of ``views`` whose masks vote: all, or the root photos if any is among them.
+
+    Args:
+        scene: whose root photos were suggested.
+        views: that may vote.
+        clicked: the photos that were clicked, whichever were suggested: their masks are the root masks. Empty for masks
+            of another origin, where the suggested photos are the roots.
+        options: who votes.
+    """
+    roots = set(clicked or scene.roots) if options.voters == "roots" else set(views)
     return [i for i in views if i in roots] or list(views)
 
 

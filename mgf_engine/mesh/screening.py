@@ -56,7 +56,7 @@ def screen(
         centres = gaussians.positions.detach().double().numpy()
         # Sparse points may stand a few pixels beside a mask drawn for them; what is trained there hides the outline.
         votes = replace(options.votes, dilation=options.dilation)
-        voters = choose_voters(scene, voting_views(scene, masks), votes)
+        voters = choose_voters(scene, voting_views(scene, masks), masks.clicked, votes)
         keep &= vote(centres, scene, masks, voters, votes, threads=options.threads)
     if not keep.any():
         raise BadInput(

@@ -32,6 +32,11 @@ class MaskSet:
     point_mask: NDArray[np.bool_]
     clicks: tuple[NDArray[np.float32], ...] = ()
 
+    @property
+    def clicked(self) -> list[int]:
+        """The photos on which the building was clicked: the root images of the paper; none for other masks."""
+        return [view for view, clicks in enumerate(self.clicks) if len(clicks)]
+
 
 def building(labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Return pixels of the building at level one, whatever element they belong to."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.small_scene import make_scene, view
 
-from mgf_engine.masks.points import VoteOptions, Votes, decide, project_votes, track_votes, vote
+from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, decide, project_votes, track_votes, vote
 from mgf_engine.model.masks import BUILDING, IGNORE, MaskSet
 from mgf_engine.model.scene import Scene
 
@@ -97,3 +97,20 @@ def test_accepts_a_mask_set(pair: Scene):
 def test_no_points_no_views(pair: Scene):
     assert vote(np.zeros((0, 3)), pair, [left_half()] * 2, [0, 1], OPTIONS).shape == (0,)
     assert not vote(pair.points, pair, [left_half()] * 2, [], OPTIONS).any()
+
+
+def test_the_clicked_photos_are_the_root_images_whichever_were_suggested(pair: Scene):
+    # Photo 0 was suggested, photo 1 was clicked: its mask is the root mask of eq. 3 and 22.
+    assert pair.roots == (0,)
+    roots = VoteOptions(dilation=0, voters="roots", tolerance=0.0, few=0)
+    clicks = (np.zeros((0, 2), np.float32), np.array([[10, 5]], np.float32))
+    masks = MaskSet(
+        (left_half(), np.ones((10, 20), np.uint8)), np.ones(2, bool), np.ones(2, np.float32), np.ones(4, bool), clicks
+    )
+    assert masks.clicked == [1]
+    voters = choose_voters(pair, [0, 1], masks.clicked, roots)
+    assert voters == [1]
+    assert vote(pair.points, pair, masks, voters, roots).tolist() == [True, True, False, False]
+    assert choose_voters(pair, [0, 1], [], roots) == [0]  # masks of another origin
+    assert choose_voters(pair, [0], masks.clicked, roots) == [0]  # no root may vote
+    assert choose_voters(pair, [0, 1], masks.clicked, VoteOptions()) == [0, 1]

@@ -220,6 +220,19 @@ def test_voting_views_leave_out_what_is_held_out_or_unused():
     assert voting_views(replace(scene, held_out=tuple(range(6))), masks) == list(range(6))
 
 
+def test_root_masks_of_the_screening_are_those_that_were_clicked():
+    """A photo that was suggested and never clicked has no root mask, so what a tree hides in it stays."""
+    scene, masks = scene_of(ring(8), ball())
+    suggested = replace(scene, roots=(0,))
+    hidden = replace(masks, labels=(np.zeros_like(masks.labels[0]), *masks.labels[1:]))
+    clicked = replace(hidden, clicks=tuple(np.full((int(i in (2, 5)), 2), 9, np.float32) for i in range(8)))
+    options = mesh_options({"voters": "roots", "vote_tolerance": 0.0, "votes.few": 0}).screening
+    field = sphere(100)
+    assert len(screen(field, suggested, clicked, options)) == 100
+    with pytest.raises(BadInput, match="vote against every Gaussian"):
+        screen(field, suggested, hidden, options)
+
+
 def test_screening_follows_its_switches():
     scene, masks = scene_of(ring(8), ball())
     field = joined(sphere(100), discs([[0.0, 1.9, 0], [1.8, 0, 0.3]], [[0.0, 0, 1]] * 2, 0.1))

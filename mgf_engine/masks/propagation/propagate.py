@@ -230,9 +230,10 @@ class _Propagator:
             if explained is not None:
                 point_mask = self._accepted(self.scene, voters)
                 doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in explained)]
-        if self.vote_options.voters != "all":
-            point_mask = self._accepted(self.scene, choose_voters(self.scene, voters, self.vote_options))
         clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
+        if self.vote_options.voters != "all":
+            clicked = [i for i in self.views if len(clicks[i])]
+            point_mask = self._accepted(self.scene, choose_voters(self.scene, voters, clicked, self.vote_options))
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
         return Propagation(
             masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.vote_options.dilation)
