@@ -129,10 +129,10 @@ def _run_suite(args: argparse.Namespace) -> int:
             print(f"    {_headline(row)}", flush=True)
     write_json(args.out / f"{args.suite}.json", rows)
     page = write_page(args.suite, rows, args.out, before)
-    if args.write:
-        write_table(args.write, args.suite, SUITES[args.suite], rows, _further(args, tools))
     if args.chart:
         write_chart(args.suite, rows, args.chart)
+    if args.write:
+        write_table(args.write, args.suite, SUITES[args.suite], rows, _further(args, tools), args.chart)
     print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
     return EXIT_FAULT if failed else EXIT_DONE
 

@@ -122,7 +122,7 @@ SUITES: dict[str, str] = {
     "resolution": "figure 8: 375, 750 and 1500 pixels",
     "peers": "tables 1 to 4: our engine set up like 3DGS, 2DGS and GOF, masks off, and any external tool",
     "surfaces": "hard materials: every preset and any external tool; accuracy by scene and by material",
-    "pareto": "presets and budgets, and GOF-like beside them: accuracy against time, Gaussians and faces",
+    "pareto": "speed against accuracy: presets, the paper's setting and its ablation, other tools, training lengths",
 }
 
 

@@ -6,6 +6,8 @@ A table stands between two marks and takes the place of what stood there before;
 
 from __future__ import annotations
 
+import itertools
+import os
 import re
 import textwrap
 from collections.abc import Sequence
@@ -20,19 +22,23 @@ from mgf_engine.system import atomic_path
 Row = dict[str, Any]
 #: Meshes of whole photos are cut to the building's box before they are scored; beside them, all meshes are.
 BOXED = "F1 in the building's box"
+UNKNOWN = "–"
 COLUMNS = (
     "setting", "seeds", "F1 at 5 / 10 / 20 cm", BOXED, "accuracy / completeness at 5 cm", "PSNR", "SSIM", "LPIPS",
     "Gaussians", "CPU s", "MB",
 )  # fmt: skip
 
 
-def write_table(document: Path, suite: str, title: str, rows: Sequence[Row], further: Sequence[str] = ()) -> None:
+def write_table(
+    document: Path, suite: str, title: str, rows: Sequence[Row], further: Sequence[str] = (), chart: Path | None = None
+) -> None:
     """Put the suite's tables, one per scene, into the document.
 
     Args:
         title: what the suite measures.
         rows: as :func:`benchmarks.measure.measure` makes them; those without scores are named as failed.
         further: words of the command that the rows do not tell.
+        chart: a picture that was drawn of the same rows; it stands above the tables.
 
     Raises:
         BadInput: the document cannot be read or written, or there is nothing to put into it.
@@ -41,7 +47,12 @@ def write_table(document: Path, suite: str, title: str, rows: Sequence[Row], fur
     if not done:
         raise BadInput(f"No run of suite '{suite}' has a result yet, so '{document}' was left as it is.")
     begin, end = f"<!-- mgf bench {suite}: begin -->", f"<!-- mgf bench {suite}: end -->"
-    block = "\n".join([begin, "", *_lines(suite, title, rows, done, further), end])
+    lines = _lines(suite, title, rows, done, further)
+    if chart is not None:
+        place = os.path.relpath(chart, document.parent).replace(os.sep, "/")
+        lines[2:2] = [f"![{title[:1].upper()}{title[1:]}]({place})", ""]
+        lines[-1] += f" The picture: `--chart docs/{place}`."
+    block = "\n".join([begin, "", *lines, end])
     try:
         text = document.read_text(encoding="utf-8")
         found = re.search(re.escape(begin) + r".*?" + re.escape(end), text, re.DOTALL)
@@ -66,12 +77,15 @@ def _lines(suite: str, title: str, rows: Sequence[Row], done: list[Row], further
 
 
 def _table(rows: list[Row]) -> list[str]:
-    """The table of one scene, without the column of the box where no mesh is of whole photos."""
+    """The table of one scene, without what no row knows, and without the box where no mesh is of whole photos."""
     boxed = any(r.get("whole_picture") for r in rows) and all("in_box" in r for r in rows)
     names = dict.fromkeys(row["variant"] for row in rows)
     table = [COLUMNS, *(_cells(name, [r for r in rows if r["variant"] == name]) for name in names)]
-    place = COLUMNS.index(BOXED)
-    shown = [cells if boxed else [*cells[:place], *cells[place + 1 :]] for cells in table]
+    kept = [
+        boxed if name == BOXED else any(cells[place] != UNKNOWN for cells in table[1:])
+        for place, name in enumerate(COLUMNS)
+    ]
+    shown = [list(itertools.compress(cells, kept)) for cells in table]
     lines = ["| " + " | ".join(cells) + " |" for cells in shown]
     return [lines[0], "|---" * len(shown[0]) + "|", *lines[1:]]
 
@@ -100,7 +114,7 @@ def _cells(name: str, rows: list[Row]) -> list[str]:
 
     f1 = " / ".join(_spread(of("f1", t)) for t in THRESHOLDS)
     known = all("in_box" in row for row in rows)
-    boxed = " / ".join(_spread(of("f1", t, "in_box")) for t in THRESHOLDS) if known else "–"
+    boxed = " / ".join(_spread(of("f1", t, "in_box")) for t in THRESHOLDS) if known else UNKNOWN
     near = " / ".join(f"{mean(of(key, THRESHOLDS[0])):.1f}" for key in ("accuracy", "completeness"))
     return [
         name, str(len(rows)), f1, boxed, near, _average(rows, "psnr", "{:.2f}"), _average(rows, "ssim", "{:.3f}"),
@@ -115,4 +129,4 @@ def _spread(values: list[float]) -> str:
 
 def _average(rows: list[Row], key: str, form: str, factor: float = 1.0) -> str:
     values = [float(row[key]) for row in rows if row.get(key) is not None]
-    return form.format(factor * mean(values)) if values else "–"
+    return form.format(factor * mean(values)) if values else UNKNOWN

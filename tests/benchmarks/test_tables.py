@@ -31,7 +31,8 @@ def test_a_table_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
     assert max(map(len, document.read_text().split("\n| ")[-1].splitlines()[1:])) <= 120
     text = document.read_text()
     assert text.startswith("# Results\n\nWritten by hand.\n") and text.count("## What training is worth") == 1
-    assert "| start | 2 | 62.0 ±2.0 / 63.0 ±2.0 / 64.0 ±2.0 | 62.0 / 62.0 | 21.50 | – |" in text
+    assert "| start | 2 | 62.0 ±2.0 / 63.0 ±2.0 / 64.0 ±2.0 | 62.0 / 62.0 | 21.50 | 12 | 2000 |" in text
+    assert "SSIM" not in text and "LPIPS" not in text  # which nobody knows here
     assert "40.0" not in text and "GOF-like" in text and "Failed: x on `s`: no" in text
     words = " ".join(text.split())
     assert "commit abc1234, 2026-01-01, CPU, 2 cores" in words
@@ -75,3 +76,17 @@ def test_without_results_the_document_stays(tmp_path: Path) -> None:
 
 def test_figures_say_where_they_are_from() -> None:
     assert set(origin()) == {"commit", "machine", "date"} and all(origin().values())
+
+
+def test_a_picture_of_the_same_rows_stands_above_the_tables(tmp_path: Path) -> None:
+    (tmp_path / "docs/pictures").mkdir(parents=True)
+    document = tmp_path / "docs/results.md"
+    document.write_text("")
+    for _ in range(2):
+        write_table(
+            document, "pareto", "speed", [row("a", 1.0)], (), tmp_path / "docs/pictures" / "speed.png"
+        )  # fmt: skip
+    lines = document.read_text().splitlines()
+    assert lines.count("![Speed](pictures/speed.png)") == 1
+    assert lines.index("![Speed](pictures/speed.png)") == lines.index("## Speed") + 2 < lines.index("### `house`")
+    assert "--chart docs/pictures/speed.png" in document.read_text()
