@@ -103,10 +103,14 @@ _UNMASKED: Options = {
 }  # fmt: skip
 #: Our engine set up the way the methods the paper compares with work, with their kind of mesh and no photo steps.
 LIKE: dict[str, Options] = {
-    "GOF-like": {**_UNMASKED, "filter_3d": True},
-    "2DGS-like": {**_UNMASKED, "geometry_from": 0.23, "distortion_lambda": 1000.0, "surface": "fused"},
-    "3DGS-like": {**_UNMASKED, "distortion_lambda": 0.0, "normal_lambda": 0.0},
-}
+    "GOF-like": _UNMASKED,
+    "2DGS-like": {
+        **_UNMASKED, "filter_3d": False, "geometry_from": 0.23, "distortion_lambda": 1000.0, "surface": "fused",
+    },
+    "3DGS-like": {
+        **_UNMASKED, "filter_3d": False, "prune_opacity": 0.005, "distortion_lambda": 0.0, "normal_lambda": 0.0,
+    },
+}  # fmt: skip
 #: Training iterations of the paper's method and of the longer runs that it compares with.
 PRINTED, LONGER = 7000, 30_000
 NAMED = ("steel_frame_hall", "brick_ensemble")

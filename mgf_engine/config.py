@@ -202,8 +202,8 @@ PRESETS: dict[str, dict[str, Any]] = {
     "standard": {},
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
     # What sections 3 and 4.1 of the paper print, and nothing of ours; tests/test_paper_preset.py names the places. Where
-    # the paper prints nothing, 3DGS and GOF, which it builds on: degree of the harmonics, growth and pruning, the share
-    # of the run from which the geometry terms act.
+    # the paper prints nothing, GOF, which it builds on, and 3DGS, which that builds on: degree of the harmonics, 3D
+    # filter, growth and pruning, the share of the run from which the geometry terms act.
     "paper": {
         "iterations": 7000,
         "resolution": 750,
@@ -216,7 +216,6 @@ PRESETS: dict[str, dict[str, Any]] = {
         "start": "sparse",
         "sh_degree": 3,
         "coarse_to_fine": False,
-        "filter_3d": False,
         "random_background": False,
         "multilevel_loss": True,
         "boundary_loss": True,
@@ -227,7 +226,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "densify_until": 0.5,
         "densify_every": 100,
         "training_votes": False,
-        "prune_opacity": 0.005,
+        "prune_opacity": 0.05,
         "screening_dilation": 0,
         "visual_hull": False,
         "surface": "opacity",

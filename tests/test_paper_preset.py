@@ -47,11 +47,12 @@ OF_ITS_BASE = {
     "densify_from": (0.0167, "3DGS: from 500 of 30,000 iterations"),
     "densify_until": (0.5, "3DGS: until 15,000 of 30,000"),
     "densify_every": (100, "3DGS"),
-    "prune_opacity": (0.005, "3DGS"),
+    "prune_opacity": (0.05, "GOF: densify_and_prune is called with 0.05, where 3DGS has 0.005"),
+    "filter_3d": (True, "GOF: the 3D filter of Mip-Splatting, in training and in the tetrahedra"),
 }
 #: What is ours, and how it is switched off.
 OURS = {
-    "max_photos": 0, "even_exposure": False, "mask_margin": 0.0, "coarse_to_fine": False, "filter_3d": False,
+    "max_photos": 0, "even_exposure": False, "mask_margin": 0.0, "coarse_to_fine": False,
     "random_background": False, "geometry_every": 1, "background_lambda": 0.0, "training_votes": False,
     "visual_hull": False, "match_photos": False, "refine_rounds": 0, "depth_smoothing": 0.0,
     "calibrate_level": False, "merge_flat": False,
