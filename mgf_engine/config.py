@@ -74,6 +74,7 @@ class Config:
     device: str = option("auto", "run", "Device that trains the field", choices=("auto", "cpu", "cuda"), advanced=False)
     threads: int = option(0, "run", "Number of worker threads; 0 uses all cores", low=0, high=256)
     memory: float = option(0.0, "run", "Maximum memory of the job; 0 uses three quarters of the free memory", low=0, high=100_000, unit="GB", advanced=False)
+    blocks: int = option(1, "run", "Number of blocks in which a very large building is meshed, one after another: more take less memory", low=1, high=1000)
     seed: int = option(0, "run", "Random seed. The same seed and number of threads give the same mesh", low=0, high=2**31 - 1)
     checkpoint_seconds: float = option(60.0, "run", "Time between two checkpoints of the training", low=1, high=86400, unit="s")
 

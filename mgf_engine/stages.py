@@ -140,7 +140,7 @@ STAGES: tuple[Stage, ...] = (
         share=0.75,
         run="mgf_engine.runners.field:run_field",
         sections={"field": "Field"},
-        options=("seed", "device"),
+        options=("seed", "device", "blocks"),
         reads=("scene", "masks"),
         outputs=(
             Output("checkpoints"),
@@ -163,7 +163,7 @@ STAGES: tuple[Stage, ...] = (
         share=0.12,
         run="mgf_engine.runners.mesh:run_mesh",
         sections={"mesh": "Mesh"},
-        options=("device",),
+        options=("device", "blocks"),
         reads=("scene", "masks", "field"),
         taken=True,
         outputs=(

@@ -34,8 +34,13 @@ Tetrahedra = NDArray[np.int32]
 
 
 @contextlib.contextmanager
-def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]]:
+def begun(points: Points, around: Points | None = None) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]]:
     """Begin :func:`delaunay` of points beside what is done inside; gives a function that waits for the result.
+
+    Args:
+        points: distinct, [M, 3].
+        around: points to whose box they are scaled before: parts that are to fit together must be scaled alike, for
+            it rounds their coordinates. The points themselves when None.
 
     That function takes a check that is called while it waits, and may raise to cancel. Leaving ends the process. Where
     memory is short (:func:`mgf_engine.memory.fits_beside`) the work begins when its result is asked for.
@@ -44,6 +49,7 @@ def begun(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]
         BadInput: as :func:`delaunay`, here or from the function; or the user's limit of memory leaves no room for them.
     """
     _check(points)
+    points = _scaled(points, points if around is None else around)
     with contextlib.ExitStack() as ending:
         early = ending.enter_context(_started(points)) if fits_beside(_BYTES * len(points)) else None
 
@@ -66,18 +72,20 @@ def _started(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahed
         worker([*COMMAND, str(len(points))], stdin=pipe, stdout=pipe, stderr=pipe) as process,
     ):
         assert process.stderr
-        talk = beside.submit(_talk, process, points)
+        answer: list[bytes] = []  # taken out by whoever waits for it: no second reference keeps it in memory
+        talk = beside.submit(_talk, process, points, answer)
         errors = beside.submit(process.stderr.read)  # a full pipe would stop the process
 
         def result(check: Callable[[], None]) -> Tetrahedra:
             check()
             while not wait([talk], _POLL_SECONDS).done:
                 check()
-            found, said, code = talk.result(), errors.result(), process.wait()
+            talk.result()
+            said, code = errors.result(), process.wait()
             if code != 0:
                 check()  # what ends the job may have ended the process, too
                 raise BadInput(_why(code, said.decode(errors="replace")))
-            return np.frombuffer(found, np.int32).reshape(-1, 4)
+            return np.frombuffer(answer.pop(), np.int32).reshape(-1, 4)
 
         try:
             yield result
@@ -85,13 +93,13 @@ def _started(points: Points) -> Iterator[Callable[[Callable[[], None]], Tetrahed
             process.kill()
 
 
-def _talk(process: subprocess.Popen[bytes], points: Points) -> bytes:
-    """Hand the points over, and return what the process then writes to stdout."""
+def _talk(process: subprocess.Popen[bytes], points: Points, answer: list[bytes]) -> None:
+    """Hand the points over, and add what the process then writes to stdout to ``answer``."""
     assert process.stdin and process.stdout
     with contextlib.suppress(OSError):  # it is gone already: its code says why
-        process.stdin.write(points.astype(np.float64).tobytes())
+        process.stdin.write(np.ascontiguousarray(points).data)
         process.stdin.flush()
-    return process.stdout.read()
+    answer.append(process.stdout.read())
 
 
 def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:
@@ -105,7 +113,7 @@ def delaunay(points: Points, method: str = "tetgen") -> Tetrahedra:
     """
     _check(points)
     if method == "tetgen":
-        return _tetgen(points)
+        return _tetgen(_scaled(points, points))
     from scipy.spatial import Delaunay
 
     return _positive(points, Delaunay(points).simplices.astype(np.int32))
@@ -137,22 +145,30 @@ def _why(code: int, said: str) -> str:
 
 
 def _check(points: Points) -> None:
-    if len(points) < 4 or _flat(points):
+    if not spans_volume(points):
         raise BadInput("The field is a point, a line or a plane, and no surface can be made of it; train longer.")
 
 
-def _flat(points: Points) -> bool:
+def spans_volume(points: Points) -> bool:
+    """Tell whether points [M, 3] are more than a plane, so that there are tetrahedra between them."""
+    if len(points) < 4:
+        return False
     centred = points - points.mean(0)
     spread = np.linalg.svd(centred.T @ centred, compute_uv=False)
-    return bool(spread[2] <= 1e-14 * spread[0])
+    return bool(spread[2] > 1e-14 * spread[0])
+
+
+def _scaled(points: Points, around: Points) -> Points:
+    """Return points scaled so that the longest side of the box around others is 0..1."""
+    low, size = around.min(0), float(np.ptp(around, axis=0).max())
+    return np.ascontiguousarray((points - low) / size)
 
 
 def _tetgen(points: Points) -> Tetrahedra:
     if "tetgen" not in globals():
         raise BadInput("libigl is not installed; run 'pip install libigl' or choose the method 'qhull'.")
-    low, size = points.min(0), float(np.ptp(points, axis=0).max())
     try:
-        result = tetgen.tetrahedralize(np.ascontiguousarray((points - low) / size), flags="Q")
+        result = tetgen.tetrahedralize(points, flags="Q")
     except RuntimeError as error:
         raise BadInput(f"The tetrahedra of the field could not be made ({error}); train longer.") from error
     if len(result[0]) != len(points):

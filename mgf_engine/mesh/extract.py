@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import cv2
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
-from mgf_engine.geometry.delaunay import begun
 from mgf_engine.masks.geometry.visual_hull import points_to_match
+from mgf_engine.mesh.blocks import TetraBlocks, divide, tetrahedra_begun
 from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
@@ -81,21 +81,16 @@ def extract_mesh(
     with times.part("points"):
         kept = screen(gaussians, scene, masks, options.screening)
         start = start if trusted.photos is not None else None
-        spanned = span_points(kept, box, start, options)
+        blocks = divide(span_points(kept, box, start, options), options.blocks)
         prior = None if start is None else Prior(start.mesh, start.sure)
-    with begun(spanned.points) as made:
+    with tetrahedra_begun(blocks) as made:
         with times.part("depth maps"):
             field = surface_field(kept, trusted, options, reporter, prior)
             calibrate_level(field, scene, masks, options)
-        with times.part("tetrahedra"):
-            tetrahedra = made(reporter.check)
-    reporter.progress(_TETRAHEDRA, points=len(spanned.points), tetrahedra=len(tetrahedra))
-    with times.part("level set"):
         mesh = extract_level_set(
-            spanned, tetrahedra, field, options.level_steps,
-            lambda share: reporter.progress(_TETRAHEDRA + (_PLACED - _TETRAHEDRA) * share),
+            blocks.spanned, told(made(reporter.check), blocks, reporter), field, options.level_steps,
+            lambda share: reporter.progress(_TETRAHEDRA + (_PLACED - _TETRAHEDRA) * share), times,
         )  # fmt: skip
-        del tetrahedra
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with times.part("cleaning"):
         mesh = clean_level_set(mesh, field, trusted, options)
@@ -128,6 +123,17 @@ def span_points(
     near = gaussians if box is None else select_near_box(gaussians, box, options.beside_box)
     spanned = tetra_points(near, options.tetrahedra)
     return spanned if start is None else beside_surface(spanned, start.mesh, start.pixel, box, options.tetrahedra)
+
+
+def told(
+    tetrahedra: Iterator[NDArray[np.int32]], blocks: TetraBlocks, reporter: Reporter
+) -> Iterator[NDArray[np.int32]]:
+    """Pass on the tetrahedra of each block [T, 4], and report which one is being made."""
+    count = len(blocks.members)
+    for number in range(count):
+        which = {"block": f"{number + 1} of {count}"} if count > 1 else {}
+        reporter.progress(_TETRAHEDRA, points=len(blocks.members[number]), **which)
+        yield next(tetrahedra)
 
 
 def move_onto_evidence(

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from mgf_engine.geometry import clean
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import fill_holes
-from mgf_engine.mesh.isosurface import FREE, find_level, march
+from mgf_engine.mesh.isosurface import FREE, Crossing, find_level, joined, march
 from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
@@ -24,39 +24,57 @@ from mgf_engine.mesh.trusted_views import TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.mesh.unobserved_volumes import drop_unobserved
 from mgf_engine.model.mesh import Mesh
-
-_CLASSIFIED = 0.3  # share of the extraction, for the progress bar
+from mgf_engine.timing import PartTimes
 
 
 def extract_level_set(
     spanned: TetraPoints,
-    tetrahedra: NDArray[np.int32],
+    tetrahedra: Iterable[NDArray[np.int32]],
     field: OpacityField | TsdfField,
     steps: int,
     progress: Callable[[float], None] = lambda share: None,
+    times: PartTimes | None = None,
 ) -> Mesh:
     """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
 
     Args:
         spanned: points of the tetrahedra.
-        tetrahedra: their corners, [T, 4].
+        tetrahedra: their corners [T, 4], block after block; each is let go before the next is asked for.
         field: tells solid from free.
         steps: of the search for the level on each edge.
         progress: called with the share of the work done.
+        times: records what tetrahedra and level set take.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
     """
-    state = field.classify(spanned.points, lambda share: progress(_CLASSIFIED * share))
-    crossing = march(tetrahedra, state, spanned.points)
+    times = times or PartTimes()
+    with times.part("tetrahedra"):
+        state, crossings = field.classify(spanned.points), list[Crossing]()
+        for corners in tetrahedra:
+            crossings.append(march(corners, state, spanned.points))
+            del corners  # before the next block's are made
+        crossing = joined(crossings, len(state))
     if len(crossing.faces) == 0:
         raise BadInput("The field has no surface inside the masks; train longer, or check the masks and the cameras.")
+    with times.part("level set"):
+        return _place(spanned, crossing, field, steps, progress)
+
+
+def _place(
+    spanned: TetraPoints,
+    crossing: Crossing,
+    field: OpacityField | TsdfField,
+    steps: int,
+    progress: Callable[[float], None],
+) -> Mesh:
+    """Place a vertex on each crossing edge; faces with an overlong one are left out."""
     kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
     solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
 
     def signed(points: NDArray[np.float64], share: float) -> NDArray[np.float32]:
         return field.signed(
-            points, lambda step: progress(_CLASSIFIED + (1 - _CLASSIFIED) * (share + step / max(steps, 1)))
+            points, lambda step: progress(share + step / max(steps, 1))
         )
 
     vertices = find_level(solid, free, signed, steps)

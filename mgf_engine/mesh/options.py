@@ -43,6 +43,7 @@ class ExtractionOptions:
 
     device: str = job_option("device")
     use_masks: bool = job_option("use_masks")
+    blocks: int = job_option("blocks")
     crop_box: str = job_option("crop_box")
     dilation: int = job_option("screening_dilation")
     surface: str = job_option("surface")

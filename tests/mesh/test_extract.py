@@ -51,6 +51,26 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) > 0
 
 
+@pytest.mark.parametrize("blocks", [2, 3, 4, 8])
+@pytest.mark.parametrize("surface", ["fused", "opacity"])
+def test_blocks_make_the_same_surface_without_seams(surface, blocks):
+    truth = cuboid()
+    scene, masks = scene_of(ring(16), truth)
+    given = {"surface": surface, "level_steps": 5, "fill_holes": False, "face_votes": False}  # seams would show
+    seen, found = [], []
+    for count in (1, blocks):
+        said = reporter(seen.append)
+        found.append(extract_mesh(box(0.12), scene, masks, mesh_options({**given, "blocks": count}), said))
+    whole, joined_up = (as_trimesh(mesh) for mesh in found)
+    assert whole.is_watertight and joined_up.is_watertight and joined_up.is_winding_consistent
+    assert joined_up.body_count == 1
+    assert joined_up.volume == pytest.approx(whole.volume, rel=0.01)
+    off = [np.percentile(distance(mesh.vertices, truth), [50, 95]) for mesh in found]
+    assert np.abs(off[0] - off[1]).max() < 0.01
+    told = [m["figures"]["block"] for m in seen if m["type"] == "progress" and "block" in m.get("figures", {})]
+    assert told == [f"{k} of {blocks}" for k in range(1, blocks + 1)]
+
+
 def test_same_input_same_mesh_for_any_number_of_threads():
     from mgf_engine.native import library
 
