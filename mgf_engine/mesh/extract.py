@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,9 +15,9 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
+from mgf_engine.geometry.clip import clip
 from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.mesh.blocks import TetraBlocks, divide, tetrahedra_begun
-from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
@@ -131,8 +132,8 @@ def told(
     """Pass on the tetrahedra of each block [T, 4], and report which one is being made."""
     count = len(blocks.members)
     for number in range(count):
-        which = {"block": f"{number + 1} of {count}"} if count > 1 else {}
-        reporter.progress(_TETRAHEDRA, points=len(blocks.members[number]), **which)
+        figures: dict[str, Any] = {"block": f"{number + 1} of {count}"} if count > 1 else {}
+        reporter.progress(_TETRAHEDRA, points=len(blocks.members[number]), **figures)
         yield next(tetrahedra)
 
 

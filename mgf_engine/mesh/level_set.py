@@ -73,9 +73,7 @@ def _place(
     solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
 
     def signed(points: NDArray[np.float64], share: float) -> NDArray[np.float32]:
-        return field.signed(
-            points, lambda step: progress(share + step / max(steps, 1))
-        )
+        return field.signed(points, lambda step: progress(share + step / max(steps, 1)))
 
     vertices = find_level(solid, free, signed, steps)
     return Mesh(vertices, kept, np.zeros((len(vertices), 3), np.uint8))

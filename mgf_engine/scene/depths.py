@@ -115,27 +115,28 @@ def match_photos(
         inside: view -> bool [H, W], the pixels that are wanted; None for all.
         matching: how.
         threads: number of worker threads.
-        check: called between pairs; may raise to cancel.
+        check: called between photos; may raise to cancel.
     """
     read = parallel_map(lambda i: photo_at(scene, i, inside and inside(i), matching.longest_side), views, threads)
     photos = dict(zip(views, read, strict=True))
     chosen = matching_views(scene, kept, views, matching.neighbours, matching.stereo.neighbours)
-    pairs = [(i, j) for i in views for j in chosen[i]]
-    sets = point_sets(scene, kept)
+    sets, tolerance = point_sets(scene, kept), matching.stereo.tolerance
 
-    def match_pair(row: int) -> NDArray[np.float32] | None:
-        i, j = pairs[row]
-        return pair_depth(photos[i], photos[j], scene.points[np.intersect1d(sets[i], sets[j])], matching.stereo)
+    def match_view(i: int) -> NDArray[np.float32] | None:
+        found = []
+        for j in chosen[i]:
+            points = scene.points[np.intersect1d(sets[i], sets[j])]
+            depth = pair_depth(photos[i], photos[j], points, matching.stereo)
+            if depth is not None:
+                found.append(depth)
+        return _merge(found, 2 * tolerance) if found else None
 
-    found: dict[int, list[NDArray[np.float32]]] = {i: [] for i in views}
-    for row, depth in enumerate(parallel_map(match_pair, range(len(pairs)), threads)):
+    maps = {}
+    for i, depth in zip(views, parallel_map(match_view, views, threads), strict=True):
         check()
         if depth is not None:
-            found[pairs[row][0]].append(depth)
-    matched = [i for i in views if found[i]]
-    tolerance = matching.stereo.tolerance
-    merged = parallel_map(lambda i: _merge(found[i], 2 * tolerance), matched, threads)
-    return Depths(photos, chosen, dict(zip(matched, merged, strict=True)), tolerance)
+            maps[i] = depth
+    return Depths(photos, chosen, maps, tolerance)
 
 
 def photo_at(scene: Scene, index: int, inside: NDArray[np.bool_] | None, longest_side: int) -> Photo:

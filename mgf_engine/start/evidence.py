@@ -43,6 +43,11 @@ class Evidence:
     on_planes: NDArray[np.bool_]
     strength: Array
 
+    def at(self, rows: NDArray[np.int64]) -> Evidence:
+        """Return the points of these numbers."""
+        seen = [self.seen[row] for row in rows.tolist()]
+        return Evidence(self.points[rows], seen, self.weight[rows], self.on_planes[rows], self.strength)
+
 
 class _Group(NamedTuple):
     """Points [N, 3] of one kind, the views that saw each, the weight of their rays [N], and how far they snap."""
@@ -84,7 +89,7 @@ def gather_evidence(views: StartViews, lines: Sequence[Line], dense: DensePoints
     near = np.concatenate([np.full(len(group.points), group.near * pixel) for group in groups])
     points, on = snap_to_planes(np.concatenate([group.points for group in groups]), planes, near, o)
     weight, seen = np.concatenate([group.weight for group in groups]), [s for group in groups for s in group.seen]
-    return _merge(
+    return merge_points(
         Evidence(points, seen, weight, on, _relative_strength(planes, o.strongest)), options.cut.merge * pixel
     )
 
@@ -150,7 +155,7 @@ def _relative_strength(planes: LinePlanes, strongest: int) -> Array:
     return np.clip(planes.strength / np.sort(planes.strength)[-strongest:].mean(), 1e-3, 1)
 
 
-def _merge(evidence: Evidence, size: float) -> Evidence:
+def merge_points(evidence: Evidence, size: float) -> Evidence:
     """Merge the points of each cube of ``size``: the first one, all their views, the largest weight."""
     points, seen = evidence.points, evidence.seen
     key = np.round((points - points.min(0)) / size).astype(np.int64)

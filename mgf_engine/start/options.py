@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.config import Config
+from mgf_engine.config import Config, job_option
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
 from mgf_engine.scene.patch_match import PatchMatchOptions
 from mgf_engine.scene.stereo import StereoOptions
@@ -190,6 +190,10 @@ class CutOptions:
     padding: float = parameter(
         0.5, "Space around the points up to points that are outside, as a share of the longest side", low=0.01
     )
+    margin: float = parameter(60.0, "Distance from a block within which all points shape its surface", "px")
+    coarse: float = parameter(12.0, "Side of the cubes in which points farther away are one", "px", low=0.01)
+
+    blocks: int = job_option("blocks")
 
     outside: OutsideOptions = OutsideOptions()
 

@@ -16,6 +16,7 @@ from mgf_engine.start.options import PlaneOptions
 
 _MOST_PAIRED = 1500  # longest lines that pairs are made of: they are quadratic in memory
 _DIRECTION_ROUNDS = 5  # in which a dominant direction settles
+_BLOCK = 1 << 16  # points that are held against all planes together, which bounds the memory
 
 
 @dataclass(frozen=True)
@@ -234,6 +235,17 @@ def snap_to_planes(
     Returns:
         The points [N, 3] and which planes each lies on, bool [N, K].
     """
+    parts = [
+        _snap(points[begin : begin + _BLOCK], planes, near[begin : begin + _BLOCK], o)
+        for begin in range(0, max(len(points), 1), _BLOCK)
+    ]
+    return np.concatenate([moved for moved, _ in parts]), np.concatenate([on for _, on in parts])
+
+
+def _snap(
+    points: NDArray[np.float64], planes: LinePlanes, near: NDArray[np.float64], o: PlaneOptions
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Move points onto planes, as :func:`snap_to_planes`, all at once."""
     distance, out = planes.distances(points), points.copy()
     rows = _planes_to_snap_to(distance, np.abs(distance) < near[:, None], planes.planes[:, :3], o.common_cosine)
     for count in range(1, 4):

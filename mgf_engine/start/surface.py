@@ -14,7 +14,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
-from mgf_engine.start.cut import cut_surface
+from mgf_engine.start.blocks import cut_in_blocks
 from mgf_engine.start.dense import dense_points
 from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.lines import find_lines
@@ -27,7 +27,7 @@ from mgf_engine.timing import PartTimes
 
 @dataclass(frozen=True)
 class StartSurface:
-    """A closed surface in the normalised frame.
+    """A surface in the normalised frame: closed, but for hairlines between blocks where it was cut in several.
 
     Attributes:
         mesh: its triangles, outward; colours are 0.
@@ -53,7 +53,7 @@ def start_surface(
     options: StartOptions = StartOptions(),  # frozen
     times: PartTimes | None = None,
 ) -> StartSurface:
-    """Make a closed surface of the building.
+    """Make a surface of the building.
 
     Args:
         scene: photos, cameras and sparse points.
@@ -81,7 +81,9 @@ def start_surface(
         evidence = gather_evidence(views, lines, dense, options)
     reporter.check()
     with times.part("cut"):
-        mesh, strength = cut_surface(views, evidence, options.cut, reporter.check)
+        mesh, strength = cut_in_blocks(
+            views, evidence, options.cut, reporter.check, lambda which: reporter.progress(0.0, block=which)
+        )
     if not len(mesh.faces):
         raise BadInput("Masks and photos give no starting surface; check the masks and the cameras.")
     first = np.array([views.indices[s[0]] for s in dense.seen], np.int64)

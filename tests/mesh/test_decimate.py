@@ -12,8 +12,8 @@ from support.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 
 from mgf_engine.errors import Cancelled
 from mgf_engine.geometry import clean
+from mgf_engine.geometry.clip import clip
 from mgf_engine.mesh import decimate
-from mgf_engine.mesh.clip import clip
 from mgf_engine.mesh.decimate import SLAB, ground_pixels, reduce_faces
 from mgf_engine.mesh.holes import boundary_loops
 from mgf_engine.model.mesh import Mesh

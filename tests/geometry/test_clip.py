@@ -9,7 +9,7 @@ from support.analytic import as_trimesh, ball, box, cuboid, ring, scene_of
 from support.mesh_stage import mesh_options
 
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.clip import clip
+from mgf_engine.geometry.clip import clip
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh

@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The starting surface cut block after block."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+from benchmarks.synthetic.plain_house import PlainHouse
+from mgf_engine.geometry.clean import face_areas
+from mgf_engine.messages import Reporter
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.start import blocks
+from mgf_engine.start.blocks import clipped, thinned
+from mgf_engine.start.evidence import Evidence
+from mgf_engine.start.options import CutOptions, StartOptions
+from mgf_engine.start.surface import StartSurface, start_surface
+
+
+def surface(house: PlainHouse, count: int, reporter: Reporter | None = None) -> StartSurface:
+    options = replace(StartOptions(), cut=replace(CutOptions(), blocks=count))
+    return start_surface(house.scene, house.masks, range(16), reporter or Reporter(), 2, options)
+
+
+def off(points: np.ndarray, mesh: Mesh) -> np.ndarray:
+    return np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))[0])
+
+
+def samples(mesh: Mesh) -> np.ndarray:
+    return trimesh.sample.sample_surface(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False), 5000, seed=0)[0]
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_blocks_make_the_surface_of_the_whole(plain_house: PlainHouse, count: int) -> None:
+    said: list[str] = []
+    reporter = Reporter(lambda m: said.append(m["figures"].get("block")) if m["type"] == "progress" else None,
+                        min_interval=0.0)  # fmt: skip
+    reporter.stage("field")
+    whole, parts = surface(plain_house, 1), surface(plain_house, count, reporter)
+    assert said == [f"{k} of {count}" for k in range(1, count + 1)]
+    assert face_areas(parts.mesh).sum() == pytest.approx(face_areas(whole.mesh).sum(), rel=0.03)
+    assert len(parts.sure) == len(parts.mesh.faces)
+    for mesh, other in ((whole.mesh, parts.mesh), (parts.mesh, whole.mesh)):  # no gap, nothing more
+        assert np.quantile(off(samples(mesh), other), 0.98) < 2 * whole.pixel
+    near = [np.mean(off(samples(mesh), plain_house.truth) < 2 * whole.pixel) for mesh in (whole.mesh, parts.mesh)]
+    assert near[1] > near[0] - 0.02
+
+
+def test_each_cut_sees_the_rest_of_the_building_coarsely(plain_house: PlainHouse, monkeypatch) -> None:
+    counts: list[int] = []
+
+    def cut(views, evidence, options, check):
+        counts.append(len(evidence.points))
+        return whole_cut(views, evidence, options, check)
+
+    whole_cut = blocks.cut_surface
+    monkeypatch.setattr(blocks, "cut_surface", cut)
+    options = replace(StartOptions(), cut=replace(CutOptions(), blocks=4, margin=10.0, coarse=30.0))
+    start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
+    options = replace(StartOptions(), cut=CutOptions())
+    monkeypatch.setattr("mgf_engine.start.blocks.make_grid", None)  # one block makes none
+    start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
+    assert len(counts) == 5 and max(counts[:4]) < 0.6 * counts[4]
+
+
+def test_points_beyond_the_margin_are_merged_and_keep_their_views() -> None:
+    points = np.array([[0.5, 0, 0], [1.05, 0, 0], [3.0, 0, 0], [3.01, 0, 0], [9.0, 0, 0]])
+    evidence = Evidence(points, [np.array([k]) for k in range(5)], np.arange(5.0), np.eye(5, dtype=bool), np.ones(5))
+    low, high = np.full(3, -np.inf), np.array([1.0, np.inf, np.inf])
+    found = thinned(evidence, low, high, 0.01, replace(CutOptions(), margin=10.0, coarse=20.0))
+    assert np.array_equal(found.points[:, 0], [0.5, 1.05, 3.0, 9.0])
+    assert [s.tolist() for s in found.seen] == [[0], [1], [2, 3], [4]]
+    assert found.weight.tolist() == [0, 1, 3, 4] and found.on_planes.shape == (4, 5)
+
+
+def test_faces_are_cut_at_the_block_and_keep_their_strength() -> None:
+    square = Mesh(np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+                  np.zeros((4, 3), np.uint8))  # fmt: skip
+    strength = np.array([0.25, 0.75], np.float32)
+    low, high = np.array([-np.inf] * 3), np.array([0.5, np.inf, np.inf])
+    mesh, kept = clipped(square, strength, low, high)
+    areas = face_areas(mesh)
+    assert areas.sum() == pytest.approx(0.5) and mesh.vertices[:, 0].max() == 0.5
+    assert areas[kept == 0.25].sum() == pytest.approx(0.5 * 0.5 * 0.25)
+    assert set(kept.tolist()) == {0.25, 0.75}
