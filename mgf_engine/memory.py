@@ -8,7 +8,6 @@ input gives the same mesh with any budget.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import sys
 import threading
 from pathlib import Path
@@ -18,7 +17,7 @@ import psutil
 
 from mgf_engine.errors import BadInput
 from mgf_engine.subprocesses import RUNNING
-from mgf_engine.system import peak_memory
+from mgf_engine.system import peak_memory, release_memory
 
 GB = 1e9
 #: Of the memory that is free at the start of a job, what it may use unless the user says otherwise.
@@ -111,9 +110,7 @@ def require(size: float, what: str, cure: str) -> None:
     Raises:
         BadInput: the user's limit does not leave them.
     """
-    if sys.platform.startswith("linux"):
-        with contextlib.suppress(OSError, AttributeError):  # other libraries than glibc's give back at once
-            ctypes.CDLL(None).malloc_trim(0)
+    release_memory()
     if _strict and size > _left():
         raise BadInput(
             f"{what} need about {size / GB:.1f} GB of memory beside the {_taken() / GB:.1f} GB that the job holds, and "

@@ -16,6 +16,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.dense import DensePointOptions, dense_points
 from mgf_engine.field.initialise import InitialisationOptions, initial_field
+from mgf_engine.geometry.block_store import clear_blocks
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
@@ -72,6 +73,7 @@ def start_field(
         try:
             surface = start_surface(scene, masks, views, reporter, config.threads, start_options(config))
             write_start(surface, folder / FILE)
+            clear_blocks()
             parts = _on_surface(surface, scene, views, limit, config)
             reporter.check()
         except BadInput as error:

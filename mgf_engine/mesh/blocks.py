@@ -14,11 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.block_store import BlockStore
 from mgf_engine.geometry.blocks import make_grid, with_borders
 from mgf_engine.geometry.delaunay import begun, spans_volume
+from mgf_engine.mesh.isosurface import Crossing, joined, march
 from mgf_engine.mesh.tetrahedra import TetraPoints
 
-Made = Callable[[Callable[[], None]], Iterator[NDArray[np.int32]]]
+#: Makes the tetrahedra of a block by its number, corners [T, 4]; the check is called while it waits, and may raise.
+Made = Callable[[int, Callable[[], None]], NDArray[np.int32]]
 
 
 @dataclass(frozen=True)
@@ -51,26 +54,55 @@ def divide(spanned: TetraPoints, count: int) -> TetraBlocks:
 
 @contextlib.contextmanager
 def tetrahedra_begun(blocks: TetraBlocks) -> Iterator[Made]:
-    """Begin the tetrahedra of the first block beside what is done inside; gives a function that makes all.
-
-    That function takes a check that is called while it waits, and may raise to cancel; it yields the corners of each
-    block's tetrahedra, [T, 4].
+    """Begin the tetrahedra of the first block beside what is done inside; gives a function that makes any block's.
 
     Raises:
         BadInput: as :func:`mgf_engine.geometry.delaunay.begun`, here or from the function.
     """
-    points = blocks.spanned.points
-    if len(blocks.members) < 2:
+    points, members = blocks.spanned.points, blocks.members
+    if len(members) < 2:
         with begun(points) as whole:
-            yield lambda check: iter([whole(check)])
+            yield lambda number, check: whole(check)
         return
-    with contextlib.ExitStack() as ending:
-        early = ending.enter_context(begun(points[blocks.members[0]], points))
+    with contextlib.ExitStack() as first:
+        early = first.enter_context(begun(points[members[0]], points))
 
-        def all_of_them(check: Callable[[], None]) -> Iterator[NDArray[np.int32]]:
-            for number, rows in enumerate(blocks.members):
-                made = ending.enter_context(begun(points[rows], points)) if number else early
-                yield rows.astype(np.int32)[made(check)]
-                ending.close()
+        def made(number: int, check: Callable[[], None]) -> NDArray[np.int32]:
+            rows = members[number].astype(np.int32)
+            if number == 0:
+                return rows[early(check)]
+            first.close()
+            with begun(points[rows], points) as block:
+                return rows[block(check)]
 
-        yield all_of_them
+        yield made
+
+
+def march_blocks(
+    blocks: TetraBlocks,
+    state: NDArray[np.uint8],
+    made: Callable[[int], NDArray[np.int32]],
+    began: Callable[[int], None] = lambda number: None,
+) -> Crossing:
+    """March the tetrahedra of all blocks; those of one are let go before the next ones are made.
+
+    A block that was done before the job was stopped is not done again.
+
+    Args:
+        blocks: points, and which of them each block has.
+        state: FREE, SOLID or INVALID for each point, uint8 [M].
+        made: makes the tetrahedra of a block, [T, 4].
+        began: called with the number of each block before.
+    """
+    points, crossings = blocks.spanned.points, list[Crossing]()
+    if len(blocks.members) < 2:
+        return march(made(0), state, points)
+    store = BlockStore("mesh", points, state, *blocks.members)
+    for number in range(len(blocks.members)):
+        began(number)
+        done = store.load(number)
+        crossing = march(made(number), state, points) if done is None else Crossing(**done)
+        if done is None:
+            store.save(number, edges=crossing.edges, faces=crossing.faces)
+        crossings.append(crossing)
+    return joined(crossings, len(state))

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.holes import cap_rims
 from mgf_engine.mesh.hull import judging_masks
-from mgf_engine.mesh.level_set import clean_level_set, extract_level_set
+from mgf_engine.mesh.level_set import Reporting, clean_level_set, extract_level_set
 from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
@@ -43,6 +43,7 @@ from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
 from mgf_engine.scene.neighbours import matching_views
 from mgf_engine.start.surface import StartSurface
+from mgf_engine.system import release_memory
 from mgf_engine.timing import PartTimes
 
 log = logging.getLogger("mgf")
@@ -79,35 +80,71 @@ def extract_mesh(
     trusted = find_trusted_views(scene, masks, options)
     reporter.progress(0.0)
     box = crop_of(options.crop_box, scene)
-    with times.part("points"):
+    with _part(times, "points"):
         kept = screen(gaussians, scene, masks, options.screening)
-        start = start if trusted.photos is not None else None
-        blocks = divide(span_points(kept, box, start, options), options.blocks)
-        prior = None if start is None else Prior(start.mesh, start.sure)
-    with tetrahedra_begun(blocks) as made:
-        with times.part("depth maps"):
-            field = surface_field(kept, trusted, options, reporter, prior)
-            calibrate_level(field, scene, masks, options)
-        mesh = extract_level_set(
-            blocks.spanned, told(made(reporter.check), blocks, reporter), field, options.level_steps,
-            lambda share: reporter.progress(_TETRAHEDRA + (_PLACED - _TETRAHEDRA) * share), times,
-        )  # fmt: skip
+    start = start if trusted.photos is not None else None
+    mesh, field = _raw_surface(kept, _Inputs(scene, masks, trusted, start, box), options, reporter, times)
     reporter.progress(_PLACED, faces=len(mesh.faces))
-    with times.part("cleaning"):
+    with _part(times, "cleaning"):
         mesh = clean_level_set(mesh, field, trusted, options)
         if options.drop_unseen:
             mesh = keep_clicked_parts(mesh, scene, masks, reporter, options.components)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
-    with times.part("refinement"):
+    with _part(times, "refinement"):
         mesh = refine_mesh(move_onto_evidence(mesh, field, trusted, options), trusted, options, reporter)
     if options.flatten:
-        with times.part("planes"):
+        with _part(times, "planes"):
             mesh = flatten(mesh, ground_pixels(mesh, trusted.views), options.planes)
-    with times.part("colours"):
+    with _part(times, "colours"):
         mesh = color_mesh(crop_mesh(mesh, options.close_bottom, box), scene, trusted, options.colors, reporter)
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(mesh.faces))
-    with times.part("reduction"):
+    with _part(times, "reduction"):
         return finish_mesh(simplify_mesh(mesh, trusted.views, options, reporter), field, options)
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """What the raw surface is made from beside the field: ``start`` is the starting surface where it counts."""
+
+    scene: Scene
+    masks: MaskSet
+    trusted: TrustedViews
+    start: StartSurface | None
+    box: CropBox | None
+
+
+def _raw_surface(
+    kept: Gaussians, given: _Inputs, options: ExtractionOptions, reporter: Reporter, times: PartTimes
+) -> tuple[Mesh, OpacityField | TsdfField]:
+    """Extract the level set, and the field that it is of; points and tetrahedra, the largest arrays, are gone then.
+
+    Args:
+        kept: the screened field.
+        given: photos, masks and what is known of the surface.
+        options: of the extraction.
+        reporter: for progress, warnings and the request to cancel.
+        times: records the time of each step.
+    """
+    with _part(times, "points"):
+        blocks = divide(span_points(kept, given.box, given.start, options), options.blocks)
+    prior = None if given.start is None else Prior(given.start.mesh, given.start.sure)
+    with tetrahedra_begun(blocks) as made:
+        with _part(times, "depth maps"):
+            field = surface_field(kept, given.trusted, options, reporter, prior)
+            calibrate_level(field, given.scene, given.masks, options)
+        mesh = extract_level_set(
+            blocks, lambda number: made(number, reporter.check), field, options.level_steps,
+            _reporting(blocks, reporter, times),
+        )  # fmt: skip
+    return mesh, field
+
+
+@contextlib.contextmanager
+def _part(times: PartTimes, name: str) -> Iterator[None]:
+    """Count what is done inside for a part of the stage, and give back the memory that it needed no longer."""
+    with times.part(name):
+        yield
+        release_memory()
 
 
 def span_points(
@@ -126,15 +163,14 @@ def span_points(
     return spanned if start is None else beside_surface(spanned, start.mesh, start.pixel, box, options.tetrahedra)
 
 
-def told(
-    tetrahedra: Iterator[NDArray[np.int32]], blocks: TetraBlocks, reporter: Reporter
-) -> Iterator[NDArray[np.int32]]:
-    """Pass on the tetrahedra of each block [T, 4], and report which one is being made."""
+def _reporting(blocks: TetraBlocks, reporter: Reporter, times: PartTimes) -> Reporting:
+    """Have the extraction of the level set report which block it is at, and its share of the stage."""
     count = len(blocks.members)
-    for number in range(count):
-        figures: dict[str, Any] = {"block": f"{number + 1} of {count}"} if count > 1 else {}
-        reporter.progress(_TETRAHEDRA, points=len(blocks.members[number]), **figures)
-        yield next(tetrahedra)
+
+    def began(number: int) -> None:
+        reporter.progress(_TETRAHEDRA, points=len(blocks.members[number]), block=f"{number + 1} of {count}")
+
+    return Reporting(lambda share: reporter.progress(_TETRAHEDRA + (_PLACED - _TETRAHEDRA) * share), began, times)
 
 
 def move_onto_evidence(

@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
+from mgf_engine.mesh.blocks import TetraBlocks, march_blocks
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import fill_holes
-from mgf_engine.mesh.isosurface import FREE, Crossing, find_level, joined, march
+from mgf_engine.mesh.isosurface import FREE, Crossing, find_level
 from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
@@ -27,38 +29,47 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.timing import PartTimes
 
 
+@dataclass(frozen=True)
+class Reporting:
+    """Who is told how far the level set is.
+
+    Attributes:
+        progress: called with the share of its vertices that are placed, 0..1.
+        began: called with the number of each block before.
+        times: records what tetrahedra and level set take.
+    """
+
+    progress: Callable[[float], None] = lambda share: None
+    began: Callable[[int], None] = lambda number: None
+    times: PartTimes = dataclass_field(default_factory=PartTimes)
+
+
 def extract_level_set(
-    spanned: TetraPoints,
-    tetrahedra: Iterable[NDArray[np.int32]],
+    blocks: TetraBlocks,
+    made: Callable[[int], NDArray[np.int32]],
     field: OpacityField | TsdfField,
     steps: int,
-    progress: Callable[[float], None] = lambda share: None,
-    times: PartTimes | None = None,
+    reporting: Reporting = Reporting(),
 ) -> Mesh:
     """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
 
     Args:
-        spanned: points of the tetrahedra.
-        tetrahedra: their corners [T, 4], block after block; each is let go before the next is asked for.
+        blocks: points of the tetrahedra.
+        made: makes the tetrahedra of a block by its number, [T, 4].
         field: tells solid from free.
         steps: of the search for the level on each edge.
-        progress: called with the share of the work done.
-        times: records what tetrahedra and level set take.
+        reporting: is told of blocks and progress.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
     """
-    times = times or PartTimes()
-    with times.part("tetrahedra"):
-        state, crossings = field.classify(spanned.points), list[Crossing]()
-        for corners in tetrahedra:
-            crossings.append(march(corners, state, spanned.points))
-            del corners  # before the next block's are made
-        crossing = joined(crossings, len(state))
+    with reporting.times.part("tetrahedra"):
+        state = field.classify(blocks.spanned.points)
+        crossing = march_blocks(blocks, state, made, reporting.began)
     if len(crossing.faces) == 0:
         raise BadInput("The field has no surface inside the masks; train longer, or check the masks and the cameras.")
-    with times.part("level set"):
-        return _place(spanned, crossing, field, steps, progress)
+    with reporting.times.part("level set"):
+        return _place(blocks.spanned, crossing, field, steps, reporting.progress)
 
 
 def _place(

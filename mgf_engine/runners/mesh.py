@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mgf_engine.geometry.block_store import clear_blocks
 from mgf_engine.geometry.clean import vertex_areas
 from mgf_engine.geometry.mesh_files import in_scene, write_ply
 from mgf_engine.job import Job
@@ -32,6 +33,7 @@ def run_mesh(job: Job, reporter: Reporter) -> dict[str, Any]:
     options = job.config.algorithm(ExtractionOptions)
     mesh = extract_mesh(load_field(job), scene, masks, options, reporter, times, start)
     write_ply(in_scene(mesh, scene.to_normalised), job.path("mesh.ply"))
+    clear_blocks()
     named = named_parts(job.path("masks"), scene)
     if named:
         voted = face_parts(mesh, scene, masks, list(named.values()), job.config.algorithm(FacePartOptions))

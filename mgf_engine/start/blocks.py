@@ -14,6 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.block_store import BlockStore
 from mgf_engine.geometry.blocks import make_grid
 from mgf_engine.geometry.clip import clip
 from mgf_engine.model.mesh import Mesh
@@ -48,17 +49,22 @@ def cut_in_blocks(
     """
     if options.blocks == 1:
         return cut_surface(views, evidence, options, check)
-    found = []
-    grid = make_grid(evidence.points, options.blocks)
+    found, grid = list[Cut](), make_grid(evidence.points, options.blocks)
+    store = BlockStore("start", evidence.points, evidence.weight, *grid.cuts)
     for number, (low, high) in enumerate(grid.boxes(), 1):
         began(f"{number} of {len(grid)}")
-        seen = thinned(evidence, low, high, views.pixel, options)
-        found.append(clipped(*cut_surface(views, seen, options, check), low, high))
+        done = store.load(number)
+        if done is None:
+            part = thinned(evidence, low, high, views.pixel, options)
+            mesh, strength = clipped(*cut_surface(views, part, options, check), low, high)
+            store.save(number, vertices=mesh.vertices, faces=mesh.faces, strength=strength)
+        else:
+            mesh, strength = Mesh(done["vertices"], done["faces"], _black(done["vertices"])), done["strength"]
+        found.append((mesh, strength))
     offset = np.cumsum([0, *(len(mesh.vertices) for mesh, _ in found[:-1])])
     faces = [mesh.faces + np.int32(first) for (mesh, _), first in zip(found, offset, strict=True)]
     vertices = np.concatenate([mesh.vertices for mesh, _ in found])
-    colors = np.zeros((len(vertices), 3), np.uint8)
-    return Mesh(vertices, np.concatenate(faces), colors), np.concatenate([strength for _, strength in found])
+    return Mesh(vertices, np.concatenate(faces), _black(vertices)), np.concatenate([strength for _, strength in found])
 
 
 def thinned(evidence: Evidence, low: Array, high: Array, pixel: float, options: CutOptions) -> Evidence:
@@ -99,9 +105,12 @@ def clipped(mesh: Mesh, strength: NDArray[np.float32], low: Array, high: Array) 
               for axis, unit in enumerate(np.eye(3)) if np.isfinite(at[axis])]  # fmt: skip
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)  # of each face apart: they carry its number
     face = np.repeat(np.arange(len(mesh.faces)), 3)
-    apart = Mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
-                 np.zeros((len(corners), 3), np.uint8), {"face": face})  # fmt: skip
+    apart = Mesh(corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3), _black(corners), {"face": face})
     cut = clip(apart, np.array(planes))
     kept, index = np.unique(cut.vertices, axis=0, return_inverse=True)
     faces = index.reshape(-1)[cut.faces].astype(np.int32)
-    return Mesh(kept, faces, np.zeros((len(kept), 3), np.uint8)), strength[cut.values["face"][cut.faces[:, 0]]]
+    return Mesh(kept, faces, _black(kept)), strength[cut.values["face"][cut.faces[:, 0]]]
+
+
+def _black(vertices: Array) -> NDArray[np.uint8]:
+    return np.zeros((len(vertices), 3), np.uint8)

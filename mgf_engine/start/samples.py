@@ -17,6 +17,8 @@ from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 
+_BLOCK = 1 << 16  # samples that are placed together, which bounds the memory
+
 
 @dataclass(frozen=True)
 class SampleOptions:
@@ -103,10 +105,13 @@ def sample_poisson_disk(
     count = int(np.ceil(options.candidates * total[-1] / spacing**2))
     face = np.searchsorted(total, (np.arange(count) + generator.random(count)) / count * total[-1])
     face = np.minimum(face, len(area) - 1)
-    u, v = generator.random((2, count))
-    root = np.sqrt(u)
-    weights = np.stack([1 - root, root * (1 - v), root * v], 1)
-    points = np.einsum("nk,nkj->nj", weights, mesh.vertices[mesh.faces[face]])
+    root, v = generator.random((2, count))
+    np.sqrt(root, out=root)
+    points = np.empty((count, 3))
+    for begin in range(0, count, _BLOCK):
+        part = slice(begin, begin + _BLOCK)
+        weights = np.stack([1 - root[part], root[part] * (1 - v[part]), root[part] * v[part]], 1)
+        points[part] = np.einsum("nk,nkj->nj", weights, mesh.vertices[mesh.faces[face[part]]])
     kept = poisson_disk_subset(points, options.disk * spacing)
     return face[kept], points[kept]
 
@@ -121,7 +126,8 @@ def poisson_disk_subset(points: NDArray[np.float64], radius: float) -> NDArray[n
     """
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
     state = np.zeros(len(points), np.int8)  # 0: not decided, 1: stays, -1: goes
-    low, high = pairs.min(1), pairs.max(1)
+    low, high = (side.astype(np.int32) for side in (pairs.min(1), pairs.max(1)))
+    del pairs
     while len(low):
         first = np.ones(len(points), bool)
         first[high] = False

@@ -13,6 +13,8 @@ from support.mesh_stage import mesh_options, reporter
 
 from mgf_engine import memory
 from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.geometry import block_store
+from mgf_engine.mesh import blocks
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.model.gaussians import Gaussians
@@ -51,14 +53,14 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) > 0
 
 
-@pytest.mark.parametrize("blocks", [2, 3, 4, 8])
+@pytest.mark.parametrize("number", [2, 3, 4, 8])
 @pytest.mark.parametrize("surface", ["fused", "opacity"])
-def test_blocks_make_the_same_surface_without_seams(surface, blocks):
+def test_blocks_make_the_same_surface_without_seams(surface, number):
     truth = cuboid()
     scene, masks = scene_of(ring(16), truth)
     given = {"surface": surface, "level_steps": 5, "fill_holes": False, "face_votes": False}  # seams would show
     seen, found = [], []
-    for count in (1, blocks):
+    for count in (1, number):
         said = reporter(seen.append)
         found.append(extract_mesh(box(0.12), scene, masks, mesh_options({**given, "blocks": count}), said))
     whole, joined_up = (as_trimesh(mesh) for mesh in found)
@@ -68,7 +70,29 @@ def test_blocks_make_the_same_surface_without_seams(surface, blocks):
     off = [np.percentile(distance(mesh.vertices, truth), [50, 95]) for mesh in found]
     assert np.abs(off[0] - off[1]).max() < 0.01
     told = [m["figures"]["block"] for m in seen if m["type"] == "progress" and "block" in m.get("figures", {})]
-    assert told == [f"{k} of {blocks}" for k in range(1, blocks + 1)]
+    assert told == [f"{k} of {number}" for k in range(1, number + 1)]
+
+
+def test_a_stopped_job_goes_on_at_the_block_it_had_reached(monkeypatch, tmp_path):
+    scene, masks = scene_of(ring(8), ball())
+    options, made = mesh_options({"level_steps": 3, "blocks": 4}), []
+    monkeypatch.setattr(memory, "_scratch", tmp_path)
+    whole = extract_mesh(sphere(300), scene, masks, options, reporter())
+    block_store.clear_blocks()
+
+    def stop(message):
+        if message["type"] == "progress" and message["figures"].get("block") == "3 of 4":
+            stopped.cancel()
+
+    stopped = reporter(stop)
+    with pytest.raises(Cancelled):
+        extract_mesh(sphere(300), scene, masks, options, stopped)
+    assert len(list((tmp_path / "blocks").iterdir())) == 2
+    begun = blocks.begun
+    monkeypatch.setattr(blocks, "begun", lambda *points: made.append(len(points[0])) or begun(*points))
+    again = extract_mesh(sphere(300), scene, masks, options, reporter())
+    assert len(made) == 3  # the first, which begins beside the depth maps, and those that were left
+    assert np.array_equal(again.vertices, whole.vertices) and np.array_equal(again.faces, whole.faces)
 
 
 def test_same_input_same_mesh_for_any_number_of_threads():

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 
 from benchmarks.synthetic.plain_house import PlainHouse
+from mgf_engine import memory
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
@@ -87,3 +88,15 @@ def test_faces_are_cut_at_the_block_and_keep_their_strength() -> None:
     assert areas.sum() == pytest.approx(0.5) and mesh.vertices[:, 0].max() == 0.5
     assert areas[kept == 0.25].sum() == pytest.approx(0.5 * 0.5 * 0.25)
     assert set(kept.tolist()) == {0.25, 0.75}
+
+
+def test_blocks_that_are_done_are_not_cut_again(plain_house: PlainHouse, monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(memory, "_scratch", tmp_path)
+    first = surface(plain_house, 2)
+    (tmp_path / "blocks").joinpath(sorted(p.name for p in (tmp_path / "blocks").iterdir())[1]).unlink()
+    cuts: list[int] = []
+    whole_cut = blocks.cut_surface
+    monkeypatch.setattr(blocks, "cut_surface", lambda *given: cuts.append(1) or whole_cut(*given))
+    again = surface(plain_house, 2)
+    assert len(cuts) == 1
+    assert np.array_equal(again.mesh.vertices, first.mesh.vertices) and np.array_equal(again.sure, first.sure)
