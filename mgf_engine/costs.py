@@ -13,11 +13,11 @@ pixels     millions of pixels of a photo while working
 taken      millions of pixels of a photo as it was taken
 building   millions of working pixels that show the building, all photos together
 measured   photos that are compared with their renderings: those kept out, and three more
-surface    the same where training starts on a surface, else 0
+surface    the same where training starts on a surface, else 0; ``block_surface`` of one block
 unplaced   photos whose cameras are to be found (0 with a COLMAP model)
 pairs      pairs of those that are matched
 passes     iterations of the training
-gaussians  Gaussians, in 100,000
+gaussians  Gaussians, in 100,000; ``block_gaussians`` of one block
 threads    worker threads
 texture    millions of pixels of the texture at most, 0 without one
 ========== ===========================================================

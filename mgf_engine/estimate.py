@@ -31,8 +31,9 @@ from mgf_engine.terminal import duration
 _HEADERS = 12  # photos whose size is looked at
 _SPEED = "speed.json"
 _NEWEST = 5  # jobs whose median is what is known of this machine
-#: What is tried to make a job fit, in steps: working photos, their number, the texture.
+#: What is tried to make a job fit, in steps: blocks, working photos, their number, the texture.
 _FEWER_GAUSSIANS = 0.75, 0.5
+_BLOCKS = 2, 4, 8, 16
 _LEAST_SIDE, _SIDE_STEP, _LEAST_PHOTOS, _PHOTO_STEP = 300, 50, 20, 10
 
 
@@ -122,14 +123,16 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
     usual = COSTS["gaussians"]
     building = count * pixels * (photos.building if config.use_masks else 1.0)
     most = usual["grown" if passes else "untrained"] * config.max_gaussians
+    surface = building if config.start == "surface" and config.use_masks else 0
+    gaussians = min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5
     return {
         "photos": count, "pixels": pixels, "taken": long * short / 1e6, "building": building,
-        "surface": building if config.start == "surface" and config.use_masks else 0,
+        "surface": surface, "block_surface": surface / config.blocks,
         "unplaced": 0 if photos.placed else photos.count,
         "pairs": 0 if photos.placed else min(all_pairs, COSTS["pairs"] * photos.count),
         "passes": passes,
         "measured": held_out + COSTS["measured"],
-        "gaussians": min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5,
+        "gaussians": gaussians, "block_gaussians": gaussians / config.blocks,
         "threads": config.threads or cores(),
         "texture": config.texture_size**2 / 1e6 if config.texture else 0,
     }  # fmt: skip
@@ -178,6 +181,7 @@ def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
     fewer = range(count // _PHOTO_STEP * _PHOTO_STEP, _LEAST_PHOTOS - 1, -_PHOTO_STEP)
     if config.texture and config.texture_size > 2048:
         yield {"texture_size": 2048}
+    yield from ({"blocks": number} for number in _BLOCKS if number > config.blocks)
     yield from ({"resolution": side} for side in sides if 2 * side >= config.resolution)
     yield from ({"max_gaussians": round(share * config.max_gaussians)} for share in _FEWER_GAUSSIANS)
     yield from ({"max_photos": number} for number in fewer if 2 * number >= count)

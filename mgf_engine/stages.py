@@ -153,7 +153,9 @@ STAGES: tuple[Stage, ...] = (
                 "passes": 0.0104, "passes gaussians": 0.085, "passes pixels": 0.02,
             },
             "serial": 0.15,
-            "bytes": {"": 0.59e9, "surface": 0.145e9, "gaussians": 0.05e9, "threads pixels": 30e6},
+            "bytes": {
+                "": 0.59e9, "surface": 0.06e9, "block_surface": 0.085e9, "gaussians": 0.05e9, "threads pixels": 30e6,
+            },
         },
     ),
     Stage(
@@ -173,7 +175,9 @@ STAGES: tuple[Stage, ...] = (
         cost={
             "cpu": {"": 6.0, "building": 5.2, "photos building": 0.05},
             "serial": 0.15,
-            "bytes": {"": 0.35e9, "building": 0.18e9, "gaussians": 1.2e9, "threads pixels": 40e6},
+            "bytes": {
+                "": 0.35e9, "building": 0.18e9, "gaussians": 0.5e9, "block_gaussians": 0.7e9, "threads pixels": 40e6,
+            },
         },
     ),
     Stage(

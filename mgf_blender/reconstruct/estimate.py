@@ -80,13 +80,15 @@ def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, fl
     passes, usual = options.iterations or options.passes * trained, COSTS["gaussians"]
     most = usual["grown" if passes else "untrained"] * options.max_gaussians
     building = count * pixels * (COSTS["building"] if options.use_masks else 1.0)
+    surface = building if options.start == "surface" and options.use_masks else 0
+    gaussians = min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5
     return {
         "photos": count, "pixels": pixels, "taken": photos.size[0] * photos.size[1] / 1e6, "building": building,
-        "surface": building if options.start == "surface" and options.use_masks else 0,
+        "surface": surface, "block_surface": surface / options.blocks,
         "unplaced": 0, "pairs": 0,
         "passes": passes,
         "measured": held_out + COSTS["measured"],
-        "gaussians": min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5,
+        "gaussians": gaussians, "block_gaussians": gaussians / options.blocks,
         "threads": options.threads or os.cpu_count() or 1,
         "texture": options.texture_size**2 / 1e6 if options.texture else 0,
     }  # fmt: skip

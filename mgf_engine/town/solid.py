@@ -1,26 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Solids of a town: ``python -m mgf_engine.town.solid buildings/ID``, as the Snakefile calls it, and all in one file.
+"""Solids of a town: of each building, made by the process of its job (:mod:`mgf_engine.town.worker`), and all in one
+file.
 
 A building without a solid is no failure: ``solid.json`` says why there is none.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mgf_engine.errors import EXIT_DONE, explain
+from mgf_engine.errors import BadInput, Cancelled, explain
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.system import cpu_seconds, write_json
 from mgf_engine.town.hulls import GONE
 from mgf_engine.town.plan_files import read_plan
-from mgf_engine.town.worker import JOB
 
 if TYPE_CHECKING:
     import shapely
@@ -28,12 +27,34 @@ if TYPE_CHECKING:
 CITYJSON, DONE = "solid.city.json", "solid.json"
 
 
-def make_solid(folder: Path, georeference_of: Path) -> dict[str, Any]:
+def write_solid(folder: Path, job: Path) -> None:
+    """Make the solid of a finished building of a town, and write ``solid.json``: what it is, or why there is none.
+
+    Args:
+        folder: of the building, in the town's.
+        job: its finished job.
+
+    Raises:
+        Cancelled: the user asked to stop.
+    """
+    try:
+        figures = make_solid(folder, job, folder.parents[1])
+    except (Cancelled, KeyboardInterrupt, OSError):
+        raise
+    except Exception as error:
+        if not isinstance(error, BadInput):
+            traceback.print_exception(error)
+        figures = {"lod": None, "reason": explain(error)[1]}
+    write_json(folder / DONE, figures)
+
+
+def make_solid(folder: Path, job: Path, town: Path) -> dict[str, Any]:
     """Make the solid of a finished building in the frame of its town; returns what is known about it.
 
     Args:
         folder: of the building.
-        georeference_of: the town.
+        job: its finished job.
+        town: its folder, with georeference and plan.
 
     Raises:
         BadInput: the job is damaged.
@@ -45,12 +66,12 @@ def make_solid(folder: Path, georeference_of: Path) -> dict[str, Any]:
     from mgf_engine.town.view_selection import BuildingViewOptions
 
     began, cpu = time.perf_counter(), cpu_seconds()
-    config = with_algorithms_of_job(folder / JOB, {})
-    survey = read_survey(folder / JOB, read_georeference(georeference_of), config.algorithm(UpOptions))
+    config = with_algorithms_of_job(job, {})
+    survey = read_survey(job, read_georeference(town), config.algorithm(UpOptions))
     (folder / CITYJSON).unlink(missing_ok=True)
     try:
-        reach = config.algorithm(BuildingViewOptions).party_wall * float(read_plan(georeference_of)["metre"])
-        taken = ground_of_neighbours(georeference_of, folder.resolve().name, survey.georeference, reach)
+        reach = config.algorithm(BuildingViewOptions).party_wall * float(read_plan(town)["metre"])
+        taken = ground_of_neighbours(town, folder.resolve().name, survey.georeference, reach)
         solid = build_solid(survey, options=config.algorithm(SolidOptions), taken=taken)
     except NoSolid as reason:
         return {"lod": None, "reason": str(reason)}
@@ -118,22 +139,3 @@ def read_solids(folders: list[Path]) -> list[dict[str, Any]]:
     """Read the CityJSON of those buildings that have a solid."""
     files = [folder / CITYJSON for folder in folders]
     return [json.loads(file.read_text(encoding="utf-8")) for file in files if file.is_file()]
-
-
-def main() -> int:
-    """Return the command of the Snakefile; returns the exit code."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder
-    try:
-        figures = make_solid(folder, folder.resolve().parents[1])
-    except (Exception, KeyboardInterrupt) as error:
-        code, text = explain(error)
-        print(text, file=sys.stderr)
-        return code
-    write_json(folder / DONE, figures)
-    return EXIT_DONE
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -80,8 +80,15 @@ def options_of(row: dict[str, Any], attempt: int, threads: int) -> dict[str, Any
     return {**given, "resolution": side, "texture_size": texture}  # named always: a job remembers what it was given
 
 
-def run_building(folder: Path, attempt: int, threads: int) -> int:
-    """Make the job of one building; returns the exit code."""
+def run_building(folder: Path, attempt: int, threads: int, solid: bool = False) -> int:
+    """Make the job of one building; returns the exit code.
+
+    Args:
+        folder: of the building, in the town's.
+        attempt: 2 where the first one failed.
+        threads: of the job.
+        solid: make the building's solid as well, here where all that it needs is loaded: its start took longer than it.
+    """
     if _abandoned():
         return EXIT_CANCELLED
     earlier = _read(folder / STATUS)
@@ -96,6 +103,8 @@ def run_building(folder: Path, attempt: int, threads: int) -> int:
         options = options_of(_read(folder / "building.json"), attempt, threads)
         print(f"Attempt {attempt}: photos of {options['resolution']} px at most, {threads} threads.", flush=True)
         figures = _run(folder, options, reporter)
+        if solid:
+            _write_solid(folder)
         status.write(state=FINISHED, overall=1.0, code=EXIT_DONE)
         write_json(folder / DONE, {**figures, "seconds": status.values["seconds"], "attempt": attempt})
         return EXIT_DONE
@@ -148,6 +157,12 @@ def _run(folder: Path, given: dict[str, Any], reporter: Reporter) -> dict[str, A
             "warnings": [text for entry in stages.values() for text in entry["warnings"]],
             "resolution": job.config.resolution,
         }  # fmt: skip
+
+
+def _write_solid(folder: Path) -> None:
+    from mgf_engine.town.solid import write_solid
+
+    write_solid(folder, folder / JOB)
 
 
 def draw(job: Any, path: Path) -> None:
@@ -213,8 +228,9 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--attempt", type=int, default=1)
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--solid", action="store_true")
     args = parser.parse_args()
-    return run_building(args.folder.resolve(), args.attempt, args.threads)
+    return run_building(args.folder.resolve(), args.attempt, args.threads, args.solid)
 
 
 if __name__ == "__main__":

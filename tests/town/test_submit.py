@@ -42,15 +42,16 @@ def test_snakemake_is_interrupted_when_its_input_ends(before: signal.Handlers) -
     assert said.strip() == "interrupted"
 
 
+@pytest.mark.parametrize("solids", [False, True])
 @pytest.mark.parametrize("attempt", [1, 2])
-def test_a_second_attempt_adds_to_what_the_first_one_wrote(tmp_path: Path, attempt: int) -> None:
+def test_a_second_attempt_adds_to_what_the_first_one_wrote(tmp_path: Path, attempt: int, solids: bool) -> None:
     folder = tmp_path / "buildings" / "left"
     folder.mkdir(parents=True)
     for name in ("prompts.json", "building.json"):
         (folder / name).write_text("{}")
     row = {"id": "left", "state": "ready", "estimate": {"bytes": 4e8}, "photos": []}
     write_json(tmp_path / "buildings.json", {"buildings": [row]})
-    write_config(tmp_path, Executor(), Wanted(False, False), 1, 20, {"threads": 2})
+    write_config(tmp_path, Executor(), Wanted(False, solids), 1, 20, {"threads": 2})
     command = [
         sys.executable,
         "-m",
@@ -62,4 +63,5 @@ def test_a_second_attempt_adds_to_what_the_first_one_wrote(tmp_path: Path, attem
     done = subprocess.run([*command, "--attempt", str(attempt)], cwd=tmp_path, capture_output=True, text=True)
     (line,) = [line for line in (done.stdout + done.stderr).splitlines() if "mgf_engine.town.worker" in line]
     assert f"if [ {attempt} = 1 ]; then rm -f buildings/left/worker.txt; fi" in line
-    assert f"--attempt {attempt} --threads 2 >> buildings/left/worker.txt 2>&1" in line
+    solid = " --solid" if solids else ""  # in the same process
+    assert f"--attempt {attempt} --threads 2{solid} >> buildings/left/worker.txt 2>&1" in line

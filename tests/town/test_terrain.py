@@ -14,12 +14,13 @@ import pytest
 import shapely
 from support.small_scene import view
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.prompt_messages import PromptMessages
 from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt
+from mgf_engine.town import solid
 from mgf_engine.town.hulls import BY_HAND, READY
 from mgf_engine.town.page import _letters, _shown
 from mgf_engine.town.solid import ground_of_neighbours, merge_cityjson
@@ -144,3 +145,28 @@ def test_who_made_no_clicks_is_not_told_to_look_at_them_again(
     row = {"id": "a", "state": state, "job": "done", "reason": "", "height": 1.0, "area": 1.0, "photos": [],
            "pixel": 0.1, "status": {}, "done": {"warnings": warnings}}  # fmt: skip
     assert len(_shown(row, tmp_path)["warnings"]) == told
+
+
+def test_a_building_without_a_solid_says_why_and_is_no_failure(tmp_path: Path, monkeypatch, capsys) -> None:
+    folder = tmp_path / "buildings" / "house"
+    folder.mkdir(parents=True)
+
+    def written() -> dict:
+        solid.write_solid(folder, folder / "job")
+        return json.loads((folder / "solid.json").read_text())
+
+    assert written()["lod"] is None and "job" in written()["reason"]  # there is none
+
+    def fail(*_: object) -> dict:
+        raise ZeroDivisionError("no roof")
+
+    monkeypatch.setattr(solid, "make_solid", fail)
+    assert written()["lod"] is None
+    assert "ZeroDivisionError: no roof" in capsys.readouterr().err
+
+    def stop(*_: object) -> dict:
+        raise Cancelled("enough")
+
+    monkeypatch.setattr(solid, "make_solid", stop)
+    with pytest.raises(Cancelled):
+        written()
