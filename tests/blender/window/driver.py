@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shutil
@@ -12,6 +13,23 @@ from pathlib import Path
 
 REPO = Path(__file__).resolve().parents[3]
 WIDTH, HEIGHT = 1400, 900
+
+
+def engine_python(given: str) -> Path:
+    """Return the Python that has the engine; a type of argparse.
+
+    The add-on starts it without ``PYTHONPATH`` and outside of this folder, so that what is installed in it is what is
+    tested: an editable installation of another checkout is refused.
+    """
+    python = Path(given).absolute()
+    command = [python, "-I", "-c", "import mgf_engine; print(mgf_engine.__file__)"]
+    found = subprocess.run(command, capture_output=True, text=True)
+    if found.returncode:
+        raise argparse.ArgumentTypeError(f"{python} has no engine")
+    checkout = Path(found.stdout.strip()).parents[1]
+    if checkout != REPO and (checkout / "pyproject.toml").is_file():
+        raise argparse.ArgumentTypeError(f"{python} has the engine of {checkout}, these are the tests of {REPO}")
+    return python
 
 
 def holds(test, state: dict) -> bool:

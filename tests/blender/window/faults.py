@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from driver import Window, open_with_addon
+from driver import Window, engine_python, open_with_addon
 
 OPTIONS = {"preset": "quick", "resolution": 160}
 PREFERENCES = "bpy.context.preferences.addons['bl_ext.user_default.mgf'].preferences"
@@ -31,7 +31,7 @@ def main() -> int:
     """Every fault; returns the exit code."""
     parser = argparse.ArgumentParser(description="Show in a real Blender what is said when things go wrong.")
     parser.add_argument("--blender", required=True)
-    parser.add_argument("--engine", type=Path, required=True, help="Python that has the engine")
+    parser.add_argument("--engine", type=engine_python, required=True, help="Python that has the engine")
     parser.add_argument("--scene", type=Path, required=True, help="scene folder with images, sparse and prompts.json")
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
@@ -49,7 +49,7 @@ def main() -> int:
         no_engine(window)
         wrong_engine(window, out)
         window.tell(
-            f"py p = {PREFERENCES}; p.engine_source, p.engine_path = 'EXISTING', {str(args.engine.absolute())!r}"
+            f"py p = {PREFERENCES}; p.engine_source, p.engine_path = 'EXISTING', {str(args.engine)!r}"
         )
         photos(window, scene)
         full_disk(window, disk)

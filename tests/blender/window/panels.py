@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from driver import REPO, Window, open_with_addon
+from driver import REPO, Window, engine_python, open_with_addon
 
 from benchmarks.buildings import BUILDINGS
 from benchmarks.camera_path import Ring, plan
@@ -47,11 +47,11 @@ def main() -> int:
     """Make what is to be shown, show it, cut the pictures out; returns the exit code."""
     parser = argparse.ArgumentParser(description="Take pictures of the panels in a real Blender.")
     parser.add_argument("--blender", required=True)
-    parser.add_argument("--engine", type=Path, required=True, help="Python that has the engine")
+    parser.add_argument("--engine", type=engine_python, required=True, help="Python that has the engine")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--pictures", type=Path, help="folder for the documentation's pictures")
     args = parser.parse_args()
-    out, engine = args.out.absolute(), args.engine.absolute()
+    out, engine = args.out.absolute(), args.engine
     scene, job = out / "scene", out / "job"
     if not (job / "models" / "models.json").is_file():
         make_scene(out)

@@ -22,7 +22,7 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
-from driver import Window
+from driver import Window, engine_python
 from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
@@ -74,7 +74,7 @@ def main() -> int:
         if args.wheels is not None:
             install_engine(window, args.wheels.resolve())
         else:
-            use_environment(window, args.engine.absolute())
+            use_environment(window, args.engine)
         say("engine ready")
         import_scene(window, scene)
         say("scene imported, crop box made and undone, model dropped into the viewport")
@@ -335,7 +335,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--blender", required=True)
     p.add_argument("--zip", type=Path, required=True)
     engine = p.add_mutually_exclusive_group(required=True)
-    engine.add_argument("--engine", type=Path, help="Python that has the engine")
+    engine.add_argument("--engine", type=engine_python, help="Python that has the engine")
     engine.add_argument("--wheels", type=Path, help="folder of wheels to install the engine from")
     p.add_argument("--scene", type=Path, required=True, help="scene folder with images, sparse and prompts.json")
     p.add_argument("--out", type=Path, required=True)
