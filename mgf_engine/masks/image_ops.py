@@ -91,3 +91,15 @@ def shrink(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
 def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the distance of the mask's pixels to the nearest other pixel."""
     return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
+
+
+def disc(radius: int) -> NDArray[np.uint8]:
+    """Return the structuring element of a disc, [2 radius + 1, 2 radius + 1]."""
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
+
+
+def enclosed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the mask and what it encloses: a white wall between its edges is not away."""
+    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
+    outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    return mask | ~np.isin(labels, outer)

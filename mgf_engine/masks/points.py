@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
+from mgf_engine.masks.image_ops import disc
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
@@ -179,8 +180,7 @@ def _cast(
         return rows, rows
     mask = building(labels)
     if dilation > 0:
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * dilation + 1, 2 * dilation + 1))
-        mask = cv2.dilate(mask.astype(np.uint8), kernel).astype(bool)
+        mask = cv2.dilate(mask.astype(np.uint8), disc(dilation)).astype(bool)
     y, x = pixel_at(labels.shape, uv)
     hit = mask[y, x]
     return rows[hit], rows[~hit & (labels[y, x] != IGNORE)]

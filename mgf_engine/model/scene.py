@@ -105,6 +105,11 @@ class View:
             uv[:, axis] = local[axis] / safe * focal + centre
         return uv, depth
 
+    def unproject(self, uv: NDArray[np.floating], depth: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the points [N, 3] (normalised) that pixels [N, 2] show at a depth [N]: :meth:`project` undone."""
+        ray = (uv - np.array([self.cx, self.cy])) / np.array([self.fx, self.fy])
+        return np.asarray(self.centre + np.c_[ray * depth[:, None], depth] @ self.rotation, np.float64)
+
 
 def most_pixels(views: Sequence[View]) -> int:
     """Return pixels of the largest working photo."""

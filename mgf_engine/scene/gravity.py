@@ -109,6 +109,11 @@ def up_from_cameras(scene: Scene, options: GravityOptions = GravityOptions()) ->
     return np.asarray(up if up @ mean > 0.5 else mean)
 
 
+def horizontal_axes(up: Array) -> Array:
+    """Return two unit vectors perpendicular to up [3] and to each other, [2, 3]."""
+    return np.linalg.svd(up[None])[2][1:]
+
+
 def looking_down(scene: Scene, options: GravityOptions = GravityOptions()) -> NDArray[np.float64] | None:
     """Return the common viewing direction of a grid of photos, [3]; None without one.
 

@@ -18,6 +18,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.adjust import AdjustOptions, far_points
 from mgf_engine.scene.exposure import observed_colors
+from mgf_engine.scene.gravity import horizontal_axes
 from mgf_engine.scene.quality import QualityOptions, blurred_views, photo_quality, poor_photos
 from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots
 
@@ -292,7 +293,7 @@ def surround_angle(scene: Scene) -> float:
     """
     away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
     down = np.array([view.rotation[1] for view in scene.views]).mean(0)
-    axes = np.linalg.svd(down[None])[2]  # the first row lies along down, the others span the ground
-    angle = np.sort(np.degrees(np.arctan2(away @ axes[2], away @ axes[1])))
+    first, second = horizontal_axes(down)
+    angle = np.sort(np.degrees(np.arctan2(away @ second, away @ first)))
     gaps = np.diff(np.concatenate([angle, [angle[0] + 360.0]]))
     return float(360.0 - gaps.max())

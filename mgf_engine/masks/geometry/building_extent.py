@@ -25,11 +25,13 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plan import GroundPlan, GroundPlanOptions
 from mgf_engine.masks.geometry.ground_plane import Ground
-from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs, enclosed
+from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs
+from mgf_engine.masks.geometry.plan_grid import PlanGrid, inside
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.geometry.point_surface import Columns, Map, SurfaceOptions, make_surface
+from mgf_engine.masks.image_ops import disc, enclosed
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.gravity import GravityOptions, looking_down
+from mgf_engine.scene.gravity import GravityOptions, horizontal_axes, looking_down
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
@@ -164,8 +166,9 @@ class BuildingExtent:
         through = np.zeros((h, w), bool)
         if self.plan is not None and not self.plan.holds(view.centre[None])[0]:
             # If the plane lay a little higher, a flat ray would meet it well before the wall.
-            hits, earlier = _at_depth(view, first, depth[first]), _at_depth(view, first, depth[first] - margin[first])
-            through[first] = self.plan.holds(hits) & self.plan.holds(earlier)
+            pixels = (np.argwhere(first)[:, ::-1] + 0.5) * (view.width / w, view.height / h)
+            hits = (view.unproject(pixels, away) for away in (depth[first], depth[first] - margin[first]))
+            through[first] = np.all([self.plan.holds(points) for points in hits], axis=0)
         return first & ~through, through
 
     def _hidden(self, index: int, h: int, w: int) -> Map:
@@ -248,15 +251,6 @@ def map_size(view: View) -> tuple[int, int]:
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
 
 
-def _at_depth(view: View, chosen: Map, depth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the points at the depths [N] of the chosen map pixels, [N, 3]."""
-    h, w = chosen.shape
-    y, x = np.nonzero(chosen)
-    xs, ys = ((x + 0.5) * view.width / w - view.cx) / view.fx, ((y + 0.5) * view.height / h - view.cy) / view.fy
-    camera = np.stack([xs, ys, np.ones(len(x))], 1) * depth[:, None]
-    return np.asarray((camera - view.translation) @ view.rotation)
-
-
 def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:
     """Return the depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w].
 
@@ -289,25 +283,23 @@ def over_building(
     keep = keep & _supported(shape, keep)
     if keep.sum() < 10:
         return np.zeros(len(points), bool)
-    side = np.linalg.svd(shape.up[None])[2][1:]
-    plan, height = points @ side.T, points @ shape.up
-    low, high = plan[keep].min(0), plan[keep].max(0)
-    cell = max(float((high - low).max()) / options.plan_side, 1e-9)
+    axes, height = horizontal_axes(shape.up), points @ shape.up
+    plan = (points @ axes.T)[keep]
+    low, high = plan.min(0), plan.max(0)
+    grid = PlanGrid(axes, low, max(float((high - low).max()) / options.plan_side, 1e-9))
     reach = round(options.plan_close * options.plan_side)
-    size = np.ceil((high - low) / cell).astype(int) + 1 + 2 * reach
-    at = np.floor((plan - low) / cell).astype(np.int64) + reach
-    inside = ((at >= 0) & (at < size)).all(1)
-    at = np.clip(at, 0, size - 1)
+    size = np.ceil((high - low) / grid.cell).astype(int) + 1 + 2 * reach
+    at = grid.cells(points) + reach
+    mapped, at = inside(at, size), np.clip(at, 0, size - 1)
     top = np.full(size, -np.inf, np.float32)
     np.maximum.at(top, tuple(at[keep].T), height[keep])
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
-    closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, disc(reach))
     area = enclosed(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
     floor = float(np.percentile(height[keep], 1))
-    tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), kernel)
+    tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), disc(reach))
     tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
     x, y = at.T
-    return np.asarray(inside & area[x, y] & (height - floor > options.over_share * tall[x, y]), bool)
+    return np.asarray(mapped & area[x, y] & (height - floor > options.over_share * tall[x, y]), bool)
 
 
 def _supported(shape: PointFeatures, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -345,8 +337,7 @@ def _close(places: NDArray[np.int32], radius: NDArray, h: int, w: int) -> Map:
     spots.reshape(-1)[places] = 1
     if not len(radius):
         return spots.astype(bool)
-    size = 2 * round(max(1.0, float(np.percentile(radius, 80)))) + 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    # A border as wide as the kernel: at the frame, too, nothing is filled beyond the samples.
+    kernel = disc(round(max(1.0, float(np.percentile(radius, 80)))))
+    size = len(kernel)  # of a border: at the frame, too, nothing is filled beyond the samples
     padded = cv2.copyMakeBorder(spots, size, size, size, size, cv2.BORDER_REPLICATE)
     return cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)[size : size + h, size : size + w].astype(bool)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.masks.image_ops import disc
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.depths import Depths, Matching, match_photos
@@ -124,11 +125,10 @@ def _around(scene: Scene, index: int, depths: Depths, options: DensifyOptions) -
     """Find pixels [h, w] of a reduced photo that have a sparse point near by, be it one that only others observed."""
     view, shape = scene.views[index], depths.photos[index].grey.shape
     radius = round(options.reach * max(shape))
-    disc = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
     places = np.concatenate(
         [scene.track_uv[scene.observations(index)], view.project(scene.points[depths.confirms(index, scene.points)])[0]]
     )
-    return _spots(places / (view.width, view.height), shape, disc)
+    return _spots(places / (view.width, view.height), shape, disc(radius))
 
 
 def _beside(mask: Flags, shape: tuple[int, ...], options: DensifyOptions) -> Flags:

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.overhangs import enclosed
+from mgf_engine.masks.geometry.plan_grid import PlanGrid, inside
+from mgf_engine.masks.image_ops import disc, enclosed
+from mgf_engine.scene.gravity import horizontal_axes
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,11 @@ class GroundPlan:
     """Cells of the plan that the building stands on.
 
     Attributes:
-        axes: horizontal unit vectors, [2, 3].
-        low: corner of the first cell along them, [2].
-        cell: side of a cell.
+        grid: of the plan.
         area: bool [X, Y].
     """
 
-    axes: NDArray[np.float64]
-    low: NDArray[np.float64]
-    cell: float
+    grid: PlanGrid
     area: NDArray[np.bool_]
 
     @classmethod
@@ -51,29 +49,28 @@ class GroundPlan:
         cls, points: NDArray[np.float64], up: NDArray[np.float64], o: GroundPlanOptions = GroundPlanOptions()
     ) -> GroundPlan:
         """Draw the plan of points [N, 3] of a building, at least one, with ``up`` [3]."""
-        axes = np.linalg.svd(up[None])[2][1:]
+        axes = horizontal_axes(up)
         plan = points @ axes.T
         low, high = np.percentile(plan, o.percentiles, axis=0)
         longest = max(float((high - low).max()), 1e-9)
         beyond = o.beyond * longest
-        plan = plan[((plan >= low - beyond) & (plan <= high + beyond)).all(1)]
+        near = ((plan >= low - beyond) & (plan <= high + beyond)).all(1)
         cell, reach = longest / o.side, max(1, round(o.gap * o.side))
-        low = plan.min(0) - (reach + 2) * cell
-        at = np.floor((plan - low) / cell).astype(np.int64)
+        grid = PlanGrid(axes, plan[near].min(0) - (reach + 2) * cell, cell)
+        at = grid.cells(points[near])
         spots = np.zeros(at.max(0) + reach + 3, np.uint8)
         spots[tuple(at.T)] = 1
-        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
         # What the walls enclose is filled while the gaps between their points are bridged.
-        wide = enclosed(cv2.dilate(spots, kernel) > 0).astype(np.uint8)
-        _, piece, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(wide, kernel))
+        wide = enclosed(cv2.dilate(spots, disc(reach)) > 0).astype(np.uint8)
+        _, piece, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(wide, disc(reach)))
         large = stats[:, cv2.CC_STAT_AREA] >= o.piece * stats[1:, cv2.CC_STAT_AREA].max(initial=1)
         large[0] = False
-        return cls(axes, low, cell, large[piece])
+        return cls(grid, large[piece])
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Tell which points [N, 3] lie within the plan, at any height, bool [N]."""
-        at = np.floor((points @ self.axes.T - self.low) / self.cell)
-        inside = ((at >= 0) & (at < self.area.shape)).all(1)
+        at = self.grid.cells(points)
+        mapped = inside(at, self.area.shape)
         result = np.zeros(len(points), bool)
-        result[inside] = self.area[tuple(at[inside].astype(np.int64).T)]
+        result[mapped] = self.area[tuple(at[mapped].T)]
         return result

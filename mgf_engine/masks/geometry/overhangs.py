@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.plan_grid import PlanGrid
+from mgf_engine.masks.image_ops import disc, enclosed
+from mgf_engine.scene.gravity import horizontal_axes
 
 Map = NDArray[np.bool_]
 Points = NDArray[np.float64]
@@ -44,11 +47,12 @@ class Overhangs:
         walls_seen: bool = True,
         options: OverhangOptions = OverhangOptions(),
     ) -> None:
-        self._across, self._spacing = np.linalg.svd(up[None])[2][1:].T, spacing
-        plan, height = points @ self._across, (points @ up).astype(np.float32)
+        axes = horizontal_axes(up)
+        plan, height = points @ axes.T, (points @ up).astype(np.float32)
         border = round(options.reach) + 1
-        self._low = plan.min(0) - border * spacing
-        size = np.minimum(np.ceil((plan.max(0) - self._low) / spacing).astype(int) + border, options.largest_plan)
+        self._grid = PlanGrid(axes, plan.min(0) - border * spacing, spacing)
+        size = np.ceil((plan.max(0) - self._grid.low) / spacing).astype(int) + border
+        size = np.minimum(size, options.largest_plan)
         top, bottom = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
         at = self._cells(points, top)
         np.maximum.at(top, at, height)
@@ -58,25 +62,13 @@ class Overhangs:
             walls = (cv2.dilate(top, around) - cv2.erode(bottom, around) > options.wall * spacing).astype(np.uint8)
         reach = max(1, round(options.gap_in_walls * max(size)))
         padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
-        closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, _round(reach))[reach:-reach, reach:-reach]
+        closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc(reach))[reach:-reach, reach:-reach]
         inside = cv2.erode(enclosed(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
-        self._over = walls_seen & (inside == 0) & (cv2.dilate(inside, _round(round(options.reach))) > 0)
+        self._over = walls_seen & (inside == 0) & (cv2.dilate(inside, disc(round(options.reach))) > 0)
 
     def __call__(self, samples: Points) -> Map:
         """Tell whether samples [K, 3] overhang, bool [K]."""
         return np.asarray(self._over[self._cells(samples, self._over)], bool)
 
     def _cells(self, samples: Points, plan: NDArray) -> tuple[NDArray[np.int64], ...]:
-        cells = np.floor((samples @ self._across - self._low) / self._spacing).astype(np.int64)
-        return tuple(np.clip(cells, 0, np.array(plan.shape) - 1).T)
-
-
-def enclosed(mask: Map) -> Map:
-    """Return the mask and what it encloses: a white wall between its edges is not away."""
-    _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
-    outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    return mask | ~np.isin(labels, outer)
-
-
-def _round(radius: int) -> NDArray[np.uint8]:
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
+        return tuple(np.clip(self._grid.cells(samples), 0, np.array(plan.shape) - 1).T)

@@ -13,8 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.plan_grid import PlanGrid
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.gravity import up_from_cameras
+from mgf_engine.scene.gravity import horizontal_axes, up_from_cameras
 
 
 @dataclass(frozen=True)
@@ -105,11 +106,10 @@ def _links(
 
 def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64]:
     """Return height over the lowest points (5th percentile) of a square around, on a grid of the ground plan."""
-    side = np.linalg.svd(up[None])[2][1:]
-    plan = points @ side.T
-    low, high = np.percentile(plan, [2, 98], axis=0)
-    cell = max(float((high - low).max()) / 12, 1e-9)
-    cells = np.clip(np.floor((plan - low) / cell), -3, 15).astype(np.int64) + 3
+    axes = horizontal_axes(up)
+    low, high = np.percentile(points @ axes.T, [2, 98], axis=0)
+    grid = PlanGrid(axes, low, max(float((high - low).max()) / 12, 1e-9))
+    cells = np.clip(grid.cells(points), -3, 15) + 3
     floor = np.full((19, 19), np.inf)
     number = np.ravel_multi_index(tuple(cells.T), floor.shape)
     order = np.argsort(number)

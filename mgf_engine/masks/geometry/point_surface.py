@@ -14,6 +14,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import PointFeatures
+from mgf_engine.masks.image_ops import disc
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.library import call
 
@@ -88,9 +89,8 @@ class Surface:
         result = np.full((h, w), np.inf, np.float32)
         for level in range(most + 1):
             if used >> level & 1:
-                size = 2 * round(2 ** (level / 2)) + 1
-                disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-                grown = cv2.erode(spots[level], disc, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf"))
+                kernel = disc(round(2 ** (level / 2)))
+                grown = cv2.erode(spots[level], kernel, borderType=cv2.BORDER_CONSTANT, borderValue=float("inf"))
                 result = np.minimum(result, grown)
         return result
 

@@ -173,9 +173,8 @@ class GroundFinder:
         """Return photos that see the ground behind the mask from beside, the nearest first."""
         rows, columns = np.nonzero(mask & np.isfinite(depth))
         middle = np.argpartition(depth[rows, columns], len(rows) // 2)[len(rows) // 2]
-        view = self.scene.views[index]
-        ray = np.array([(columns[middle] + 0.5 - view.cx) / view.fx, (rows[middle] + 0.5 - view.cy) / view.fy, 1.0])
-        spot = view.centre + view.rotation.T @ ray * depth[rows[middle], columns[middle]]
+        pixel, away = np.array([[columns[middle] + 0.5, rows[middle] + 0.5]]), depth[rows[middle], columns[middle]]
+        spot = self.scene.views[index].unproject(pixel, away[None])
         towards = np.stack([v.centre for v in self.scene.views]) - spot
         length = np.linalg.norm(towards, axis=1)
         towards /= length[:, None]

@@ -20,7 +20,7 @@ from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.refinement.ground_homography import homography
 from mgf_engine.model.masks import BACKGROUND
-from mgf_engine.model.scene import Scene, View
+from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
 _LEAST_WEIGHT = 1e-4  # of the compared pixels in a window, below which nothing is known
@@ -88,7 +88,7 @@ class MirrorTest:
         if not len(pixels):
             return result
         depth = ground_depth(view, self.ground, view.height, view.width)[pixels[:, 1], pixels[:, 0]]
-        score = self._agreement(index, pixels, _places(view, pixels, depth))
+        score = self._agreement(index, pixels, view.unproject(pixels + 0.5, depth))
         known = np.isfinite(score)
         total, weight = np.zeros((2, *found.shape), np.float32)
         x, y = pixels[known].T
@@ -159,12 +159,6 @@ def _grid(found: NDArray[np.bool_], o: MirroredGroundOptions) -> NDArray[np.int6
     """Choose the found pixels (x, y) of a grid whose patches lie within the photo, [N, 2]."""
     y, x = np.nonzero(found[o.radius : -o.radius : o.step, o.radius : -o.radius : o.step])
     return np.stack([x, y], 1) * o.step + o.radius
-
-
-def _places(view: View, pixels: NDArray[np.int64], depth: Array) -> Array:
-    """Return the points [N, 3] that pixels (x, y) [N, 2] show at a depth [N]."""
-    ray = (pixels + 0.5 - np.array([view.cx, view.cy])) / np.array([view.fx, view.fy])
-    return np.asarray(view.centre + np.c_[ray * depth[:, None], depth] @ view.rotation, np.float64)
 
 
 def _window(radius: int) -> NDArray[np.int64]:

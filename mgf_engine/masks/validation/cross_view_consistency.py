@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
+from mgf_engine.masks.image_ops import disc
 from mgf_engine.masks.points import LabelMaps, pixel_at
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
@@ -77,11 +78,10 @@ def find_contradicted_masks(
 def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int) -> NDArray[np.int8]:
     """Look up each observation in the mask, [T]: 1 building, -1 background, 0 unknown."""
     result = np.zeros(len(scene.track_view), np.int8)
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * dilation + 1, 2 * dilation + 1))
     for index in np.flatnonzero(used).tolist():
         here = scene.observations(index)
         y, x = pixel_at(labels[index].shape, scene.track_uv[here])
-        grown = cv2.dilate(building(labels[index]).astype(np.uint8), kernel) > 0
+        grown = cv2.dilate(building(labels[index]).astype(np.uint8), disc(dilation)) > 0
         background = ~grown[y, x] & (labels[index][y, x] != IGNORE)
         result[here] = grown[y, x].astype(np.int8) - background.astype(np.int8)
     return result

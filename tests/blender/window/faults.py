@@ -48,9 +48,7 @@ def main() -> int:
         begin(window, scene, args.scene / "prompts.json")
         no_engine(window)
         wrong_engine(window, out)
-        window.tell(
-            f"py p = {PREFERENCES}; p.engine_source, p.engine_path = 'EXISTING', {str(args.engine)!r}"
-        )
+        window.tell(f"py p = {PREFERENCES}; p.engine_source, p.engine_path = 'EXISTING', {str(args.engine)!r}")
         photos(window, scene)
         full_disk(window, disk)
         killed(window, out / "job")

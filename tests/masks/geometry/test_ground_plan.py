@@ -42,7 +42,7 @@ def test_the_plan_turns_with_the_frame(up: list[float]) -> None:
 def test_a_stray_point_neither_widens_the_plan_nor_coarsens_it() -> None:
     astray = np.concatenate([ring(600), [[60.0, 40.0, 0.5]]])
     plan = GroundPlan.of(astray, UP)
-    assert plan.cell == pytest.approx(GroundPlan.of(ring(600), UP).cell, rel=0.05)
+    assert plan.grid.cell == pytest.approx(GroundPlan.of(ring(600), UP).grid.cell, rel=0.05)
     assert not plan.holds(np.array([[60.0, 40.0, 0.5], [30.0, 20.0, 0.5]])).any()
 
 
