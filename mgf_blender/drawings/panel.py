@@ -5,14 +5,13 @@ import bpy
 
 from ..common.text import draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
-from ..reconstruct.finished_job import draw_run, finished_job_panel
+from ..reconstruct.finished_job import FinishedJobPanel, draw_run
 from ..reconstruct.start import job_folder
 from .index import FOLDER, PAGE, read_index
 from .sections import find_sections
 
 
-@finished_job_panel
-class MGF_PT_drawings(bpy.types.Panel):
+class MGF_PT_drawings(FinishedJobPanel, bpy.types.Panel):
     """Orthophotos, elevations, sections and quantities of the finished job"""
 
     bl_idname = "MGF_PT_drawings"

@@ -7,9 +7,10 @@ import math
 
 import bpy
 
+from ..common.panels import PhotoPanel
 from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
-from ..reconstruct.finished_job import draw_run, finished_job_panel
+from ..reconstruct.finished_job import FinishedJobPanel, draw_run
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.tree import Tree
 from . import files, place
@@ -23,8 +24,7 @@ _BY = {
 }
 
 
-@finished_job_panel
-class MGF_PT_georef(bpy.types.Panel):
+class MGF_PT_georef(FinishedJobPanel, bpy.types.Panel):
     """True coordinates of the finished job: by GPS, control points or scale bars"""
 
     bl_idname = "MGF_PT_georef"
@@ -117,14 +117,11 @@ class MGF_UL_control_points(bpy.types.UIList):
         split.label(text=str(count) if count else "", translate=False)
 
 
-class MGF_PT_control_points(bpy.types.Panel):
+class MGF_PT_control_points(PhotoPanel, bpy.types.Panel):
     """Mark control points in the photos"""
 
     bl_idname = "MGF_PT_control_points"
     bl_label = "Control Points"
-    bl_space_type = "IMAGE_EDITOR"
-    bl_region_type = "UI"
-    bl_category = "MGF"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

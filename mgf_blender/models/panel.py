@@ -5,15 +5,14 @@ import bpy
 
 from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
-from ..reconstruct.finished_job import draw_run, finished_job_panel
+from ..reconstruct.finished_job import FinishedJobPanel, draw_run
 from ..reconstruct.start import has_job_file
 from ..scene_import.tree import Tree
 from .index import FILE, FOLDER
 from .lods import LEVEL_KEY, levels_of, shown_level
 
 
-@finished_job_panel
-class MGF_PT_models(bpy.types.Panel):
+class MGF_PT_models(FinishedJobPanel, bpy.types.Panel):
     """Levels of detail, solid and other models of the finished job"""
 
     bl_idname = "MGF_PT_models"

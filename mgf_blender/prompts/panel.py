@@ -5,6 +5,7 @@ import bpy
 
 from ..common import runner
 from ..common.job import STAGES
+from ..common.panels import PhotoPanel
 from ..common.text import draw_sentence, tr
 from ..properties import key_of
 from ..reconstruct.panel import draw_job
@@ -27,14 +28,11 @@ class MGF_UL_photos(bpy.types.UIList):
         split.label(text=count, icon="ERROR" if weak else "QUESTION" if open_ else "NONE", translate=False)
 
 
-class MGF_PT_prompts(bpy.types.Panel):
+class MGF_PT_prompts(PhotoPanel, bpy.types.Panel):
     """Show the engine where the building is"""
 
     bl_idname = "MGF_PT_prompts"
     bl_label = "Prompts"
-    bl_space_type = "IMAGE_EDITOR"
-    bl_region_type = "UI"
-    bl_category = "MGF"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
@@ -97,14 +95,11 @@ class MGF_PT_prompts(bpy.types.Panel):
         sub.prop(state, "mask_opacity", text="")
 
 
-class MGF_PT_masks(bpy.types.Panel):
+class MGF_PT_masks(PhotoPanel, bpy.types.Panel):
     """Masks of all photos, as the reconstruction will use them"""
 
     bl_idname = "MGF_PT_masks"
     bl_label = "All Photos"
-    bl_space_type = "IMAGE_EDITOR"
-    bl_region_type = "UI"
-    bl_category = "MGF"
     bl_parent_id = "MGF_PT_prompts"
 
     @classmethod

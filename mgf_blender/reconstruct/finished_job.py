@@ -1,21 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the panels for a finished job share: their place, when they show, the large button and the progress below it."""
 
+from typing import ClassVar
+
 import bpy
 
 from ..common import runner
+from ..common.panels import SidebarPanel
 from ..properties import key_of
 from .operators import last_job
 from .panel import draw_job
 from .start import has_job_file
 
 
-def finished_job_panel(cls: type[bpy.types.Panel]) -> type[bpy.types.Panel]:
-    """Put a panel into the sidebar, closed at first, and show it once the job has a mesh; a class decorator."""
-    cls.bl_space_type, cls.bl_region_type, cls.bl_category = "VIEW_3D", "UI", "MGF"
-    cls.bl_options = {"DEFAULT_CLOSED"}
-    cls.poll = classmethod(lambda cls, context: has_job_file(context.scene, "deliver.json"))
-    return cls
+class FinishedJobPanel(SidebarPanel):
+    """Closed at first, and shown once the job has a mesh."""
+
+    bl_options: ClassVar = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return has_job_file(context.scene, "deliver.json")
 
 
 def draw_run(

@@ -8,6 +8,7 @@ import bpy
 
 from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
+from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
@@ -31,14 +32,11 @@ _TOOLS = {
 }  # fmt: skip
 
 
-class MGF_PT_mark(bpy.types.Panel):
+class MGF_PT_mark(SidebarPanel, bpy.types.Panel):
     """Where the building is: the way to the photos, and how many are marked"""
 
     bl_idname = "MGF_PT_mark"
     bl_label = "Prompts"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -58,14 +56,11 @@ class MGF_PT_mark(bpy.types.Panel):
         draw_sentence(layout, text, "CHECKMARK" if done else "INFO")
 
 
-class MGF_PT_reconstruct(bpy.types.Panel):
+class MGF_PT_reconstruct(SidebarPanel, bpy.types.Panel):
     """Start, watch and resume the reconstruction"""
 
     bl_idname = "MGF_PT_reconstruct"
     bl_label = "Reconstruct"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -109,14 +104,11 @@ class MGF_PT_reconstruct(bpy.types.Panel):
             layout.operator("mgf.resume", icon="PLAY")
 
 
-class MGF_PT_options(bpy.types.Panel):
+class MGF_PT_options(SidebarPanel, bpy.types.Panel):
     """Every option of the engine"""
 
     bl_idname = "MGF_PT_options"
     bl_label = "Advanced Options"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
     bl_parent_id = "MGF_PT_reconstruct"
     bl_options = {"DEFAULT_CLOSED"}
 

@@ -5,6 +5,7 @@ import json
 
 import bpy
 
+from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr
 from ..reconstruct.start import has_job_file, job_folder
@@ -18,14 +19,11 @@ _PAINTS = {"TEXTURE": N_("Texture"), "COLOR": N_("Colors"), "CONFIDENCE": N_("Co
 _SHOWS = {"PHOTO": N_("Photo"), "RENDER": N_("Render"), "ERROR": N_("Error"), "MESH": N_("Mesh")}
 
 
-class MGF_PT_results(bpy.types.Panel):
+class MGF_PT_results(SidebarPanel, bpy.types.Panel):
     """Mesh, renders and figures of the job"""
 
     bl_idname = "MGF_PT_results"
     bl_label = "Results"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -3,6 +3,7 @@
 
 import bpy
 
+from ..common.panels import SidebarPanel
 from ..common.text import tr
 from ..engine.status_label import draw_engine_missing
 from ..results.status_label import draw_waiting
@@ -10,14 +11,11 @@ from .crop import find_crop_box
 from .tree import Tree
 
 
-class MGF_PT_scene(bpy.types.Panel):
+class MGF_PT_scene(SidebarPanel, bpy.types.Panel):
     """Bring photos and cameras in"""
 
     bl_idname = "MGF_PT_scene"
     bl_label = "Scene"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
@@ -51,14 +49,11 @@ def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     draw_engine_missing(layout)
 
 
-class MGF_PT_placement(bpy.types.Panel):
+class MGF_PT_placement(SidebarPanel, bpy.types.Panel):
     """Scale and orientation of the imported scene"""
 
     bl_idname = "MGF_PT_placement"
     bl_label = "Scale and Orientation"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
     bl_parent_id = "MGF_PT_scene"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -72,14 +67,11 @@ class MGF_PT_placement(bpy.types.Panel):
         layout.operator_menu_enum("mgf.set_up_axis", "axis", icon="ORIENTATION_GLOBAL")
 
 
-class MGF_PT_source(bpy.types.Panel):
+class MGF_PT_source(SidebarPanel, bpy.types.Panel):
     """Where the scene came from"""
 
     bl_idname = "MGF_PT_source"
     bl_label = "Source"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
     bl_parent_id = "MGF_PT_scene"
     bl_options = {"DEFAULT_CLOSED"}
 

@@ -3,19 +3,17 @@
 
 import bpy
 
+from ..common.panels import SidebarPanel
 from ..common.text import draw_sentence, tr
 from .load import BUILDING_KEY, JOB_KEY, find_town, objects_of
 from .operators import chosen_buildings, is_full
 
 
-class MGF_PT_town(bpy.types.Panel):
+class MGF_PT_town(SidebarPanel, bpy.types.Panel):
     """A town of many buildings, made by mgf town"""
 
     bl_idname = "MGF_PT_town"
     bl_label = "Town"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MGF"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

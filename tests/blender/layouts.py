@@ -94,7 +94,7 @@ def draw(cls: type[bpy.types.Panel], context=None) -> Recorder:
     """What a panel draws now; empty when its poll says no."""
     context = context or bpy.context
     recorder = Recorder()
-    if hasattr(cls, "poll") and "poll" in vars(cls) and not cls.poll(context):
+    if hasattr(cls, "poll") and not cls.poll(context):
         return recorder
     stand_in = type(cls.__name__, (), dict(vars(cls)))()
     stand_in.layout = recorder

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.drawings.ground import MESH
 from mgf_engine.models.lod import Deviation
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ class Solid:
     Attributes:
         vertices: [N, 3]; faces: all of them.
         level: 2, 3 with windows and doors, or 1 for a block with a level top where the roof was not seen.
-        ground: height of the ground; ground_from: ``terrain`` (points around the building) or ``mesh`` (its lower end).
+        ground: height of the ground; ground_from: :data:`~mgf_engine.drawings.ground.TERRAIN` or `MESH`.
         detail: size below which steps and offsets were left out.
         volume: in cubic units.
         deviation: of the mesh above the ground from the solid.
@@ -51,7 +52,7 @@ class Solid:
     faces: list[SolidFace]
     level: int = 2
     ground: float = 0.0
-    ground_from: str = "mesh"
+    ground_from: str = MESH
     detail: float = 0.0
     volume: float = 0.0
     deviation: Deviation | None = None
