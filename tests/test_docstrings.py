@@ -97,3 +97,13 @@ def test_errors_are_described(path: Path) -> None:
         own = [n for part in function.body if not isinstance(part, ast.FunctionDef) for n in ast.walk(part)]
         if any(isinstance(node, ast.Raise) and node.exc is not None for node in own):
             assert "Raises:" in (ast.get_docstring(function) or ""), function.name
+
+
+PACKAGES = [path for path in FILES if path.name == "__init__.py" and path.parent.parent != ROOT]
+
+
+@pytest.mark.parametrize("path", PACKAGES, ids=dotted)
+def test_packages_name_modules_that_they_have(path: Path) -> None:
+    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    named = re.findall(r"``(\w+)``", text)
+    assert [name for name in named if not list(path.parent.glob(f"{name}*"))] == []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is around a pixel, at a cost that does not grow with how far around is: mean colours and discs.
+"""Masked Gaussian blur, growing and shrinking by discs, colour distances; blur and discs of any radius cost the same.
 
 A blur by a share of the photo and a disc of a share of the photo cost the fourth power of its side when they are done
 pixel by pixel. The mean is as smooth as it is wide, so it is taken on a reduced photo; a disc is a distance.

@@ -1,2 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fourth stage: from the trained field to a clean triangle mesh (section 3.3 of the paper)."""
+"""Fourth stage: from the trained field to a clean triangle mesh (section 3.3 of the paper).
+
+``extract`` runs it: ``screening`` and ``tetrahedra`` span points, ``depth_maps`` (rendered, matched by ``photometric``,
+smoothed) are fused by ``tsdf``, or ``opacity`` asks the field itself; ``level_set`` takes the surface between solid and
+free; ``refine`` moves it by the photos, ``planar`` flattens walls, ``colors`` paints it, ``decimate`` reduces it.
+"""

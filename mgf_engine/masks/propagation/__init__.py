@@ -1,2 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Propagate clicks to all photos by random walks over superpixels and sparse points (:mod:`propagate`)."""
+"""Propagate clicks to all photos by random walks over superpixels and sparse points.
+
+``propagate`` runs it: ``superpixels`` and ``label_graph`` make the graph, ``appearance`` (colour and texture) and
+``geometric_odds`` give evidence, ``random_walker`` solves it, ``prompt_outliers`` finds clicks that contradict the
+others, ``correct_masks`` calls the refinement.
+"""
