@@ -64,6 +64,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("mirrored_ground", "masks", "Ground that panes mirror", "masks.refinement.mirrored_ground:MirroredGroundOptions"),
     Algorithm("far_background", "masks", "Far background behind an open building", "masks.refinement.far_background:FarBackgroundOptions"),
     Algorithm("building_extent", "masks", "Extent of the building in the photos", "masks.geometry.building_extent:ExtentOptions", also=("preview",)),
+    Algorithm("appearance", "masks", "Models of colour and texture of building and background", "masks.propagation.appearance:AppearanceOptions", also=("preview",)),
     Algorithm("ground_plan", "masks", "Ground plan of the building", "masks.geometry.ground_plan:GroundPlanOptions", also=("preview",)),
     Algorithm("silhouettes", "masks", "Silhouettes of the other photos as evidence", "masks.geometry.silhouette_consistency:SilhouetteConsistencyOptions", also=("preview",)),
     Algorithm("superpixels", "masks", "Superpixels of each photo", "masks.propagation.superpixels:SuperpixelOptions", also=("preview",)),
@@ -143,6 +144,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("solid", "models", "Solid of the building (CityJSON, IFC)", "models.solid.build:SolidOptions"),
     Algorithm("solid_evidence", "models", "Walls, roofs and footprint that a solid is made from", "models.solid.evidence_options:EvidenceOptions"),
     Algorithm("solid_labels", "models", "Choice of a roof plane for each cell of the ground plan", "models.solid.labels:LabelOptions"),
+    Algorithm("solid_faces", "models", "Corners and edges of the solid", "models.solid.polyhedron:PolyhedronOptions"),
     Algorithm("solid_openings", "models", "Windows and doors of the solid", "models.solid.openings:OpeningOptions"),
     # georef
     Algorithm("control_points", "georef", "Fit of the scene to control points", "georef.options:ControlPointOptions"),

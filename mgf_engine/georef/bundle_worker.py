@@ -33,7 +33,7 @@ def main(folder: Path) -> int:
     task = read_task(folder / TASK)
     with np.load(folder / KNOWN, allow_pickle=False) as file:
         model = adjust(task, file["targets"], file["sd"], *file["loss"].tolist())
-    write_result(replaced_points(model, task.resolution), folder / RESULT)
+    write_result(replaced_points(model, task.resolution, task.least_scale), folder / RESULT)
     return 0
 
 

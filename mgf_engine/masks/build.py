@@ -22,6 +22,7 @@ from mgf_engine.masks.parts import Part, PartOptions, add_elements, tie_parts
 from mgf_engine.masks.points import VoteOptions, choose_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, no_clicks, read_prompts
 from mgf_engine.masks.propagation.propagate import Propagation, propagate
+from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
@@ -42,7 +43,6 @@ from mgf_engine.system import cores
 log = logging.getLogger("mgf")
 
 ELEMENT_BYTES = 90  # per pixel of a photo whose parts are looked for
-SLIP = 10  # px that a click may lie beside the building
 
 
 @plain_opencv()
@@ -97,7 +97,7 @@ def build_masks(
     write_contact_sheet(scene, masks, result.reasons, set(clicks), sheet, threads)
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
-    _check_clicks(clicks, masks)
+    _check_clicks(clicks, masks, config.algorithm(PropagationOptions).click_slip)
     textures = config.algorithm(LowTextureOptions)
     plain = low_texture_share(scene, masks, textures) if config.use_masks else 0.0
     if plain > textures.warn_above:
@@ -202,7 +202,7 @@ def _check(scene: Scene, result: Propagation, config: Config) -> None:
         )
 
 
-def _check_clicks(clicks: Prompts, masks: MaskSet) -> None:
+def _check_clicks(clicks: Prompts, masks: MaskSet, slip: int) -> None:
     """Refuse masks of something else: training on them for minutes would end in a mesh nobody asked for.
 
     Raises:
@@ -210,7 +210,7 @@ def _check_clicks(clicks: Prompts, masks: MaskSet) -> None:
     """
     held, count = 0, 0
     for index, photo in clicks.items():
-        taken = cv2.dilate((masks.labels[index] != BACKGROUND).astype(np.uint8), np.ones((2 * SLIP + 1,) * 2, np.uint8))
+        taken = cv2.dilate((masks.labels[index] != BACKGROUND).astype(np.uint8), np.ones((2 * slip + 1,) * 2, np.uint8))
         held += int(taken[pixel_at(taken.shape, photo.positive)].sum())
         count += len(photo.positive)
     if 2 * held < count:

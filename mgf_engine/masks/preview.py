@@ -24,8 +24,8 @@ from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
+from mgf_engine.masks.propagation.draw_mask import draw_mask, make_hints
 from mgf_engine.masks.propagation.label_graph import LabelGraph
-from mgf_engine.masks.propagation.propagate import make_hints
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
@@ -173,17 +173,13 @@ def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Con
     def answer(given: Clicks) -> tuple[Segment, Hints]:
         probability = walker.solve({0: given}, config.seed)
         hints = make_hints(scene, 0, given, regions, probability, (probability.points > 0.5)[scene.track_point])
-        segment = segmenter.segment(0, photo, hints)
-        if segment.score < options.retry_below:
-            again = segmenter.segment(0, photo, hints, attempt=1)
-            segment = again if again.score > segment.score + 0.02 else segment
-        return segment, hints
+        return draw_mask(segmenter, 0, photo, hints, options), hints
 
     *earlier, everything = first_clicks(clicks)
     last, hints = answer(everything)  # first, since it leaves behind what the others can use
     threads = config.threads or cores()
     masks = [segment.mask for (segment, _) in parallel_map(lambda i: answer(earlier[i]), range(len(earlier)), threads)]
-    mask = enforce_clicks(merge_masks([*masks, last.mask]), regions, clicks)
+    mask = enforce_clicks(merge_masks([*masks, last.mask], options.click_loss), regions, clicks)
     return Segment(mask, agreement(mask, hints))
 
 

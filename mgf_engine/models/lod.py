@@ -16,8 +16,8 @@ from mgf_engine.geometry.rasterize import render_parallel
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh
 
-SAMPLES = 100_000  # points on each of two surfaces that are compared
-DIRECTIONS, SILHOUETTE = 8, 400  # around the building, and pixels along the longest side of what is seen from there
+SAMPLES = 100_000  # points on each of two surfaces whose deviation is reported
+_DIRECTIONS, _SIDE = 8, 400  # of silhouettes: around the building, and pixels along the side of each picture
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,7 @@ class LodOptions:
     more_faces: tuple[float, float, float] = parameter(
         (1.5, 2.0, 3.0), "Number of faces that such a level gets at most, in wanted numbers, tried in turn", low=1
     )
+    samples: int = parameter(25_000, "Number of points at which the two decimations of a level are compared", low=100)
     aggressiveness: float = parameter(
         5.0, "Growth of the error that fast-simplification tolerates from round to round (its agg)", low=1
     )
@@ -116,8 +117,8 @@ def _better(mesh: Mesh, free: Mesh, kept: Mesh, options: LodOptions) -> bool:
     better outline."""
     if not len(free.faces):
         return False
-    few = SAMPLES // 4
-    if measure_deviation(mesh, free, few).rms < options.nearer * measure_deviation(mesh, kept, few).rms:
+    off = [measure_deviation(mesh, reduced, options.samples).rms for reduced in (free, kept)]
+    if off[0] < options.nearer * off[1]:
         return True
     return silhouette_overlap(mesh, free) > silhouette_overlap(mesh, kept) + options.clearer
 
@@ -169,11 +170,11 @@ def silhouette_overlap(one: Mesh, other: Mesh) -> float:
 def _sights() -> list[tuple[Array, Array]]:
     """Return axes to the right and up of each direction."""
     up = np.array([0.0, 0.0, 1.0])
-    angles = np.pi * np.arange(DIRECTIONS // 2) / (DIRECTIONS // 2)  # the other side shows the same outline
+    angles = np.pi * np.arange(_DIRECTIONS // 2) / (_DIRECTIONS // 2)  # the other side shows the same outline
     sights = [(np.array([np.cos(a), np.sin(a), 0.0]), up) for a in angles]
     return [*sights, (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))]
 
 
 def _outline(points: Array, faces: NDArray[np.int32], axes: Array) -> NDArray[np.bool_]:
-    at = 0.5 * SILHOUETTE * (points @ axes.T + 1)
-    return render_parallel(np.column_stack([at, np.zeros(len(at))]), faces, SILHOUETTE, SILHOUETTE).face >= 0
+    at = 0.5 * _SIDE * (points @ axes.T + 1)
+    return render_parallel(np.column_stack([at, np.zeros(len(at))]), faces, _SIDE, _SIDE).face >= 0

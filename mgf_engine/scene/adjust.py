@@ -45,6 +45,12 @@ class AdjustOptions:
     most_photos: int = parameter(600, "Number of photos beyond which the model is taken as it is", low=3)
     most_points: int = parameter(3000, "Maximum number of points that settle the cameras, beside the next", low=8)
     points_per_photo: int = parameter(60, "Number of points that each photo should see", low=1)
+    rounds: int = parameter(
+        Task.rounds, "Number of bundle adjustments, each with a smaller loss scale, while that falls", low=1
+    )
+    least_scale: float = parameter(
+        Task.least_scale, "Minimum scale of Cauchy's loss in bundle adjustment", "px", low=1e-3
+    )
     outlier: float = parameter(4.0, "Reprojection error beyond which an observation is an outlier, plus the next", "px")
     outlier_factor: float = parameter(3.0, "Factor on the first decile of all reprojection errors")
 
@@ -90,7 +96,8 @@ def _adjusted(
     if before <= options.from_error or not 3 <= len(model.images) <= options.most_photos or not len(chosen):
         return before, before, model
     frame = _frame(model)
-    task = Task(moved(model, frame), resolution, chosen, np.unique(owners(model)[chosen]), before)
+    used = np.unique(owners(model)[chosen])
+    task = Task(moved(model, frame), resolution, chosen, used, before, options.rounds, options.least_scale)
     found = _in_a_process(task, reporter)
     if found is None or not _valid(found):
         return before, before, model

@@ -28,6 +28,8 @@ class Task:
         chosen: observations that settle poses and focal lengths, indices int64.
         used: the points of those.
         before: how far cameras and points disagree, working pixels.
+        rounds: number of bundle adjustments at most.
+        least_scale: of Cauchy's loss, working pixels.
     """
 
     model: SparseModel
@@ -35,6 +37,8 @@ class Task:
     chosen: Indices
     used: Indices
     before: float
+    rounds: int = 3
+    least_scale: float = 0.5
 
 
 def write_task(task: Task, path: Path) -> None:
@@ -44,7 +48,7 @@ def write_task(task: Task, path: Path) -> None:
     words = {"cameras": [asdict(camera) for camera in model.cameras.values()], "images": images}
     np.savez(
         path, words=np.frombuffer(json.dumps(words).encode(), np.uint8), chosen=task.chosen, used=task.used,
-        numbers=np.array([task.resolution, task.before]), **_poses(model),
+        numbers=np.array([task.resolution, task.before, task.rounds, task.least_scale]), **_poses(model),
         keypoints=np.concatenate([image.keypoints for image in model.images]),
         point_ids=np.concatenate([image.point_ids for image in model.images]),
         **{name: getattr(model.points, name) for name in _POINTS},
@@ -66,9 +70,9 @@ def read_task(path: Path) -> Task:
         )
     )
     points = SparsePoints(**{name: data[name] for name in _POINTS})
-    resolution, before = data["numbers"].tolist()
+    resolution, before, rounds, least_scale = data["numbers"].tolist()
     model = SparseModel(path.parent, cameras, images, points, None)
-    return Task(model, int(resolution), data["chosen"], data["used"], before)
+    return Task(model, int(resolution), data["chosen"], data["used"], before, int(rounds), least_scale)
 
 
 def write_result(model: SparseModel, path: Path) -> None:

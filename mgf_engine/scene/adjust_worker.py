@@ -26,8 +26,6 @@ from mgf_engine.subprocesses import end_with_the_job
 Array = NDArray[np.float64]
 #: Exit code when the cameras that were found lie nowhere near the old ones.
 NOT_FOUND = 3
-_LEAST_SCALE = 0.5  # working pixels, of Cauchy's loss
-_ROUNDS = 3  # each with a smaller scale, while that falls
 _BATCH = 20_000  # points refined at once: bounds the memory
 
 
@@ -36,7 +34,7 @@ def main(folder: Path) -> int:
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(0)
     task = read_task(folder / TASK)
-    model = align_similarity(replaced_points(adjust(task), task.resolution), task)
+    model = align_similarity(replaced_points(adjust(task), task.resolution, task.least_scale), task)
     if model is None:
         return NOT_FOUND
     write_result(model, folder / RESULT)
@@ -46,7 +44,7 @@ def main(folder: Path) -> int:
 def adjust(task: Task) -> SparseModel:
     """Improve poses, focal lengths and points of the chosen observations by COLMAP with Cauchy's loss."""
     model, last = task.model, np.inf
-    for _ in range(_ROUNDS):
+    for _ in range(task.rounds):
         scale = _scale(model, task)
         if scale >= last:
             break
@@ -54,7 +52,7 @@ def adjust(task: Task) -> SparseModel:
     return model
 
 
-def replaced_points(model: SparseModel, resolution: int) -> SparseModel:
+def replaced_points(model: SparseModel, resolution: int, least_scale: float) -> SparseModel:
     """Return all points placed where the rays of most of their observations meet, then refined; the cameras stay."""
     xyz = model.points.xyz.copy()
     for first in range(0, len(xyz), _BATCH):
@@ -65,7 +63,7 @@ def replaced_points(model: SparseModel, resolution: int) -> SparseModel:
         config = pycolmap.BundleAdjustmentConfig()
         for number in bundle.numbers.tolist():
             config.add_variable_point(number)
-        bundle.solve(config, _LEAST_SCALE)
+        bundle.solve(config, least_scale)
         xyz[bundle.used] = bundle.points()
     return replace(model, points=replace(model.points, xyz=xyz))
 
@@ -95,7 +93,7 @@ def _solved(model: SparseModel, task: Task, scale: float) -> SparseModel:
 
 def _scale(model: SparseModel, task: Task) -> float:
     distances = projection_errors(model, task.resolution)[task.chosen]
-    return max(_LEAST_SCALE, 2.0 * float(np.median(distances)))
+    return max(task.least_scale, 2.0 * float(np.median(distances)))
 
 
 if __name__ == "__main__":

@@ -121,7 +121,7 @@ def test_numbers_beyond_reason_leave_the_model_as_it_is(tmp_path: Path) -> None:
 def test_points_are_placed_where_the_rays_meet(tmp_path: Path) -> None:
     true = true_model(tmp_path, "OPENCV")
     lost = np.random.default_rng(2).normal(0, 3, true.points.xyz.shape)
-    placed = replaced_points(replace(true, points=replace(true.points, xyz=lost)), RESOLUTION)
+    placed = replaced_points(replace(true, points=replace(true.points, xyz=lost)), RESOLUTION, 0.5)
     assert np.abs(placed.points.xyz - true.points.xyz).max() < 1e-3
 
 

@@ -3,5 +3,5 @@
 
 ``propagate`` runs it: ``superpixels`` and ``label_graph`` make the graph, ``appearance`` (colour and texture) and
 ``geometric_odds`` give evidence, ``random_walker`` solves it, ``prompt_outliers`` finds clicks that contradict the
-others, ``correct_masks`` calls the refinement.
+others, ``draw_mask`` asks the segmenter, ``correct_masks`` calls the refinement.
 """

@@ -13,12 +13,30 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.native.parallel import parallel_map
 
 #: Expected scatter of each feature within one material; keeps components from collapsing onto few samples.
 FEATURE_SCALE = np.array([6.0, 2.5, 2.5, 0.25, 0.25, 0.3])
-MAX_SAMPLES = 5_000
 ROWS = 16_384  # samples looked at together: what fits the cache
+
+
+@dataclass(frozen=True)
+class AppearanceOptions:
+    """Options of the models of colour and texture."""
+
+    building: int = parameter(8, "Maximum number of Gaussians that model the building", low=1)
+    background: int = parameter(10, "Maximum number of Gaussians that model what is not the building", low=1)
+    samples: int = parameter(5000, "Maximum number of regions or points that a mixture is fitted to", low=100)
+    least_samples: int = parameter(12, "Minimum number of regions or points for each Gaussian", low=2)
+    rounds: int = parameter(8, "Number of rounds of expectation maximisation")
+    prior: float = parameter(
+        6.0, "Weight of the expected scatter in the covariance of each Gaussian, in regions or points", low=1e-3
+    )
+    unseen: float = parameter(
+        12.0, "Negative log-likelihood, over that of the middle of a Gaussian of the expected scatter, from which a "
+        "region is like nothing that was seen"
+    )  # fmt: skip
 
 
 def lab_of(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -64,8 +82,9 @@ def fit_mixture(
     components: int,
     seed: int,
     scale: NDArray[np.float64] = FEATURE_SCALE,
+    options: AppearanceOptions = AppearanceOptions(),
 ) -> Mixture | None:
-    """Fit a mixture by expectation maximisation on weighted samples; None where fewer than 12 samples carry weight.
+    """Fit a mixture by expectation maximisation on weighted samples; None where too few of them carry weight.
 
     Args:
         features: [N, F] unscaled.
@@ -73,18 +92,19 @@ def fit_mixture(
         components: how many Gaussians at most.
         seed: of the sampling and the start.
         scale: [F], what each feature is divided by.
+        options: numbers of samples and rounds, and the prior of the covariances.
     """
     keep = np.flatnonzero(weights > 1e-3)
-    if len(keep) < 12:
+    if len(keep) < options.least_samples:
         return None
     rng = np.random.default_rng(seed)
-    if len(keep) > MAX_SAMPLES:
-        keep = rng.choice(keep, MAX_SAMPLES, replace=False, p=weights[keep] / weights[keep].sum())
+    if len(keep) > options.samples:
+        keep = rng.choice(keep, options.samples, replace=False, p=weights[keep] / weights[keep].sum())
         weight = np.ones(len(keep))
     else:
         weight = weights[keep].astype(np.float64)
     x = features[keep] / scale
-    components = max(1, min(components, len(keep) // 12))
+    components = max(1, min(components, len(keep) // options.least_samples))
     cv2.setRNGSeed(seed)
     _, assigned, _ = cv2.kmeans(
         x.astype(np.float32), components, np.zeros((len(x), 1), np.int32), (cv2.TERM_CRITERIA_MAX_ITER, 12, 0), 1,
@@ -92,11 +112,11 @@ def fit_mixture(
     )  # fmt: skip
     share = np.zeros((len(x), components))
     share[np.arange(len(x)), assigned.ravel()] = 1
-    mixture = _maximise(x, share * weight[:, None])
-    for _ in range(8):
+    mixture = _maximise(x, share * weight[:, None], options.prior)
+    for _ in range(options.rounds):
         terms = mixture.terms(x)
         share = np.exp(terms - _log_sum(terms)[:, None])
-        mixture = _maximise(x, share * weight[:, None])
+        mixture = _maximise(x, share * weight[:, None], options.prior)
     return mixture
 
 
@@ -106,7 +126,7 @@ def _log_sum(terms: NDArray[np.float64]) -> NDArray[np.float64]:
     return most + np.log(np.exp(terms - most[:, None]).sum(axis=1))
 
 
-def _maximise(x: NDArray[np.float64], share: NDArray[np.float64]) -> Mixture:
+def _maximise(x: NDArray[np.float64], share: NDArray[np.float64], prior: float) -> Mixture:
     mass = share.sum(0) + 1e-6
     means = (share.T @ x) / mass[:, None]
     dim = x.shape[1]
@@ -114,7 +134,7 @@ def _maximise(x: NDArray[np.float64], share: NDArray[np.float64]) -> Mixture:
     for k in range(len(mass)):
         d = x - means[k]
         # A few pseudo-samples of the expected scatter keep small components from collapsing.
-        cov = ((share[:, k, None] * d).T @ d + 6 * np.eye(dim)) / (mass[k] + 6)
+        cov = ((share[:, k, None] * d).T @ d + prior * np.eye(dim)) / (mass[k] + prior)
         root = np.linalg.inv(np.linalg.cholesky(cov))
         roots[k], norms[k] = root, np.log(np.abs(np.diag(root))).sum() - 0.5 * dim * np.log(2 * np.pi)
     return Mixture(np.log(mass / mass.sum()), means, roots, norms)
@@ -126,6 +146,7 @@ def log_ratio(
     background: Mixture | None,
     scale: NDArray[np.float64] = FEATURE_SCALE,
     threads: int = 1,
+    options: AppearanceOptions = AppearanceOptions(),
 ) -> NDArray[np.float64]:
     """log p(x | building) - log p(x | background) for features [N, F] -> [N]; 0 where both are strangers.
 
@@ -135,11 +156,12 @@ def log_ratio(
         background: mixture of the background.
         scale: of the features, [F].
         threads: number of worker threads.
+        options: from where on a region is like nothing that was seen.
     """
     if building is None or background is None:
         return np.zeros(len(features))
     x = features / scale
-    stranger = -0.5 * x.shape[1] * np.log(2 * np.pi) - 12.0
+    stranger = -0.5 * x.shape[1] * np.log(2 * np.pi) - options.unseen
     models = building, background
     first, second = parallel_map(lambda k: np.logaddexp(models[k].log_density(x), stranger), range(2), threads)
     return first - second

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +22,7 @@ from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, observed_
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import vegetation_probability
 from mgf_engine.masks.propagation.correct_masks import MaskCorrection, map_photos
+from mgf_engine.masks.propagation.draw_mask import draw_mask, make_hints
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed
 from mgf_engine.masks.propagation.prompt_messages import PromptMessages
@@ -34,7 +34,7 @@ from mgf_engine.masks.propagation.prompt_outliers import (
     without_outliers,
 )
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
-from mgf_engine.masks.propagation.random_walker import BuildingProbability, LabelPropagation
+from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions, cut_regions
@@ -147,13 +147,7 @@ class _Propagator:
             self.reporter.progress(done)
 
     def _segment(self, index: int, accepted: NDArray[np.bool_]) -> Segment:
-        photo, hints = self.scene.photo(index), self._hints(index, accepted)
-        segment = self.segmenter.segment(index, photo, hints)
-        if segment.score < self.options.retry_below:
-            again = self.segmenter.segment(index, photo, hints, attempt=1)
-            if again.score > segment.score + 0.02:
-                return again
-        return segment
+        return draw_mask(self.segmenter, index, self.scene.photo(index), self._hints(index, accepted), self.options)
 
     def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
         clicks = self.prompts.get(index, Clicks())
@@ -193,7 +187,7 @@ class _Propagator:
         hints = self._hints(index, accepted)
         before = agreement(building(self.labels[index]), hints)
         again = self.segmenter.segment(index, self.scene.photo(index), hints, attempt=1)
-        if again.score <= max(before, self.scores[index] - 0.02):
+        if again.score <= max(before, self.scores[index] - self.options.retry_gain):
             return result
         self.labels[index] = again.mask.astype(np.uint8)
         self.scores[index] = again.score
@@ -269,35 +263,3 @@ class _Propagator:
 
     def _parallel(self, task: Callable[[int], T], indices: Iterable[int]) -> Iterator[tuple[int, T]]:
         return map_photos(self.scene, task, indices, self.threads)
-
-
-def make_hints(
-    scene: Scene,
-    index: int,
-    clicks: Clicks,
-    regions: Regions,
-    probability: BuildingProbability,
-    good: NDArray[np.bool_],
-) -> Hints:
-    """Make the segmenter's hints for view ``index``; ``good`` marks its observations of the building.
-
-    Args:
-        scene: photos and points.
-        index: of the view.
-        clicks: of the view, working pixels.
-        regions: superpixels of the view.
-        probability: of the regions of all views.
-        good: observations of the view that are on the building, bool [T_v].
-    """
-    view = scene.views[index]
-    uv = scene.track_uv[scene.observations(index)]
-    small = probability.regions[index][regions.labels]
-    wide = cv2.resize(small, (view.width, view.height), interpolation=cv2.INTER_LINEAR).astype(np.float32)
-    return Hints(clicks.positive, clicks.negative, uv[good], uv[~good], _box(uv[good]), wide)
-
-
-def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | None:
-    if len(points) < 3:
-        return None
-    low, high = np.percentile(points, [2, 98], axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])

@@ -116,7 +116,7 @@ class LabelPropagation:
     def _appearance(self, probability: Array, teach: Array, seed: int) -> Array:
         """Return the log-odds of "building" from appearance alone, [N]."""
         inside, outside = np.clip(2 * probability - 1.1, 0, 1) * teach, np.clip(0.9 - 2 * probability, 0, 1) * teach
-        r = self.graph.region_count
+        r, options = self.graph.region_count, self.options.appearance
         kinds = (
             (self.graph.features, self.graph.area, slice(0, r), FEATURE_SCALE),
             (self.graph.point_features, np.ones(self.graph.point_count), slice(r, None), POINT_SCALE),
@@ -124,13 +124,14 @@ class LabelPropagation:
 
         def fit(number: int) -> Mixture | None:
             features, area, part, scale = kinds[number // 2]
-            weight, components = ((inside, 8), (outside, 10))[number % 2]
+            weight, components = ((inside, options.building), (outside, options.background))[number % 2]
             own = weight[part] * area
-            return fit_mixture(features, own / max(own.max(initial=0.0), 1e-12), components, seed, scale)
+            return fit_mixture(features, own / max(own.max(initial=0.0), 1e-12), components, seed, scale, options)
 
         models = list(parallel_map(fit, range(4), self.graph.threads))
         ratios = [
-            log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3], self.graph.threads) for n, k in enumerate(kinds)
+            log_ratio(k[0], models[2 * n], models[2 * n + 1], k[3], self.graph.threads, options)
+            for n, k in enumerate(kinds)
         ]
         return np.clip(np.concatenate(ratios) / 2, -self.options.appearance_limit, self.options.appearance_limit)
 

@@ -9,6 +9,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlaneOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions
 from mgf_engine.masks.geometry.silhouette_consistency import SilhouetteConsistencyOptions
+from mgf_engine.masks.propagation.appearance import AppearanceOptions
 
 
 @dataclass(frozen=True)
@@ -69,3 +70,4 @@ class RandomWalkerOptions:
     silhouettes: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions()
     ground: GroundPlaneOptions = GroundPlaneOptions()
     features: PointFeatureOptions = PointFeatureOptions()
+    appearance: AppearanceOptions = AppearanceOptions()

@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.prompts import Clicks
+from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.superpixels import Regions
 
 Mask = NDArray[np.bool_]
 Points = NDArray[np.floating]
-
-#: A click on the building may take away this share of the mask before it: corrections, not the building.
-GIVEN_UP = 0.2
 
 
 def first_clicks(clicks: Clicks) -> list[Clicks]:
@@ -28,11 +26,14 @@ def first_clicks(clicks: Clicks) -> list[Clicks]:
     return [Clicks(clicks.positive[:n], clicks.negative, clicks.parts) for n in range(1, len(clicks.positive) + 1)]
 
 
-def merge_masks(masks: Sequence[Mask]) -> Mask:
-    """Merge the masks of :func:`first_clicks`: the last one, with what a later click would have lost."""
+def merge_masks(masks: Sequence[Mask], click_loss: float = PropagationOptions.click_loss) -> Mask:
+    """Merge the masks of :func:`first_clicks`: the last one, with what a later click would have lost.
+
+    A click may take away the share ``click_loss`` of the mask before it: that is a correction, more is the building.
+    """
     mask = masks[0]
     for later in masks[1:]:
-        kept = (mask & later).sum() >= (1 - GIVEN_UP) * mask.sum()
+        kept = (mask & later).sum() >= (1 - click_loss) * mask.sum()
         mask = later if kept else mask | later
     return mask
 

@@ -18,7 +18,7 @@ from mgf_engine.models.solid.evidence import Evidence, gather_evidence
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
 from mgf_engine.models.solid.labels import LabelOptions, choose_planes
 from mgf_engine.models.solid.model import ROOF, WALL, Array, Solid
-from mgf_engine.models.solid.polyhedron import faults_of, make_polyhedron, triangles, volume_of
+from mgf_engine.models.solid.polyhedron import PolyhedronOptions, faults_of, make_polyhedron, triangles, volume_of
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class SolidOptions:
     samples: int = parameter(100000, "Number of points that the solid is compared with the mesh at", low=100)
     evidence: EvidenceOptions = EvidenceOptions()
     labels: LabelOptions = LabelOptions()
+    faces: PolyhedronOptions = PolyhedronOptions()
 
 
 class NoSolid(Exception):
@@ -94,7 +95,7 @@ def _make(evidence: Evidence, level: int, options: SolidOptions) -> Solid:
     cells = cut_into_cells(evidence.lines, at.min(0) - around, at.max(0) + around)
     owner = cell_of_pixels(cells, evidence.grid)
     label = choose_planes(cells, owner, evidence, slopes, options.labels)
-    return make_polyhedron(cells, label, slopes, evidence.ground, evidence.lines)
+    return make_polyhedron(cells, label, slopes, evidence.ground, evidence.lines, options.faces)
 
 
 def _measured(

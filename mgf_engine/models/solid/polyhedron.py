@@ -15,14 +15,20 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from mgf_engine.algorithms import parameter
 from mgf_engine.models.solid.cells import Cells
 from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Array, Solid, SolidFace
 from mgf_engine.models.solid.plan_lines import Line2
 
-LEVEL = 2.5  # steps of the plan's grid: heights this near at one corner are one
-SHORT = 6.0  # steps of the grid: shorter edges become one corner
-
 Ring = list[int]
+
+
+@dataclass(frozen=True)
+class PolyhedronOptions:
+    """Options of the faces of a solid; a step is that of the grid that the ground plan's corners lie on."""
+
+    one_height: float = parameter(2.5, "Difference of heights at a corner up to which they are one, in steps")
+    short_edge: float = parameter(6.0, "Length below which an edge becomes one corner, in steps")
 
 
 @dataclass
@@ -49,7 +55,12 @@ class _Corners:
 
 
 def make_polyhedron(
-    cells: Cells, label: NDArray[np.int64], slopes: Array, ground: float, lines: Sequence[Line2]
+    cells: Cells,
+    label: NDArray[np.int64],
+    slopes: Array,
+    ground: float,
+    lines: Sequence[Line2],
+    options: PolyhedronOptions = PolyhedronOptions(),
 ) -> Solid:
     """Make the solid of labelled cells.
 
@@ -59,9 +70,10 @@ def make_polyhedron(
         slopes: [P, 3], planes ``z = a x + b y + c``.
         ground: height of the floor.
         lines: that the cells were cut along; walls on one line become one face.
+        options: what is too near to be two corners.
     """
     of = [*label.tolist(), 0]  # the last is what OUTSIDE points to
-    near = LEVEL * cells.step
+    near = options.one_height * cells.step
     _split_crossings(cells, of, slopes, ground, near)
     corners = _Corners(cells, _heights(cells, of, slopes, ground, near))
     faces: dict[tuple[str, int, int], list[Ring]] = defaultdict(list)
@@ -80,7 +92,7 @@ def make_polyhedron(
             faces[(WALL, *_line_of(cells, start, end, lines))].append(wall)
     vertices = np.array(corners.places).reshape(-1, 3)
     made = [face for (kind, plane, _), rings in faces.items() for face in _merged(vertices, kind, plane, rings)]
-    made = _without_short(vertices, made, SHORT * cells.step)
+    made = _without_short(vertices, made, options.short_edge * cells.step)
     return _compact(vertices, _without_straight(vertices, made, cells.step))
 
 
