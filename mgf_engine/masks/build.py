@@ -68,23 +68,10 @@ def build_masks(
         BadInput: no clicks, bad clicks or masks, or nothing left of the building.
     """
     started, threads = time.perf_counter(), config.threads or cores()
-    clicks: Prompts = {}
-    segmenter: Segmenter | None = None
-    if not config.use_masks:
-        result = _everything(scene)
-    elif masks_folder is not None:
-        result = _supplied(scene, masks_folder, config)
-    elif prompts is not None:
-        clicks = read_prompts(prompts, scene, reporter.warning)
-        segmenter = choose_segmenter(config, folder, reporter.warning)
-        reporter.send("segmenter", segmenter=segmenter.name, text=notice(segmenter.name))
-        result = propagate(scene, clicks, segmenter, config, reporter)
-    else:
-        raise no_clicks()
+    result, clicks, segmenter = _first_level(scene, prompts, masks_folder, folder, config, reporter)
     _check(scene, result, config)
     masks, parts = result.masks, list[Part]()
-    parts_clicked = any(photo.parts for photo in clicks.values())
-    if segmenter is not None and config.wants_elements(parts_clicked):
+    if segmenter is not None and config.wants_elements(any(photo.parts for photo in clicks.values())):
         masks, parts = _second_level(scene, masks, clicks, segmenter, threads, reporter, config.algorithm(PartOptions))
     figures: dict[str, Any] = {
         "segmenter": segmenter.name if segmenter else "none",
@@ -103,6 +90,31 @@ def build_masks(
     if plain > textures.warn_above:
         reporter.warning(low_texture_warning(plain))
     return masks
+
+
+def _first_level(
+    scene: Scene,
+    prompts: Path | PromptsFile | None,
+    masks_folder: Path | None,
+    folder: Path,
+    config: Config,
+    reporter: Reporter,
+) -> tuple[Propagation, Prompts, Segmenter | None]:
+    """Make the masks of the whole building: from the user's masks, or from clicks; all of it with ``use_masks`` off.
+
+    Returns:
+        The masks; the clicks and the segmenter that they were made with, none where there are no clicks.
+    """
+    if not config.use_masks:
+        return _everything(scene), {}, None
+    if masks_folder is not None:
+        return _supplied(scene, masks_folder, config), {}, None
+    if prompts is None:
+        raise no_clicks()
+    clicks = read_prompts(prompts, scene, reporter.warning)
+    segmenter = choose_segmenter(config, folder, reporter.warning)
+    reporter.send("segmenter", segmenter=segmenter.name, text=notice(segmenter.name))
+    return propagate(scene, clicks, segmenter, config, reporter), clicks, segmenter
 
 
 def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] = log.warning) -> Segmenter:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +22,9 @@ from mgf_engine.texture.charts import ChartOptions
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
 from mgf_engine.texture.painting import Painting
 
+Array = NDArray[Any]
+Faces = NDArray[np.int32]
+Weights = NDArray[np.float64]
 BLOCK = 1 << 18  # pixels looked up together, which bounds the memory: each takes some 300 bytes meanwhile
 
 
@@ -40,7 +44,7 @@ def bake(
         progress: called with the share that is done.
         options: of the layout.
     """
-    label, views, corrections = painting.label, painting.views, painting.corrections
+    label = painting.label
     face = draw_triangles(layout.at, layout.height, layout.width)
     pixel = np.flatnonzero(face >= 0)
     pixel = pixel[np.argsort(label[face.ravel()[pixel]], kind="stable")]
@@ -48,38 +52,55 @@ def bake(
     kinds, start = np.unique(owner, return_index=True)
     parts = np.split(pixel, start[1:])
     image = np.zeros((layout.height * layout.width, 3), np.uint8)
-    room = Room()
-
-    def colors(k: int) -> NDArray[np.uint8]:
-        index = int(kinds[k])
-        if index == NO_VIEW:
-            return in_blocks(parts[k], None)
-        with room.photo(views[index].original_width, views[index].original_height):
-            return in_blocks(parts[k], shrunk(views[index], painting.source(index), layout.scale))
-
-    def in_blocks(pixels: NDArray[np.int64], photo: Source | None) -> NDArray[np.uint8]:
-        found = np.empty((len(pixels), 3), np.uint8)
-        for first in range(0, len(pixels), BLOCK):
-            block = slice(first, first + BLOCK)
-            found[block] = painted_with(pixels[block], photo)
-        return found
-
-    def painted_with(pixels: NDArray[np.int64], photo: Source | None) -> NDArray[np.uint8]:
-        faces = face.ravel()[pixels]
-        at = np.stack([pixels % layout.width, pixels // layout.width], 1) + 0.5
-        weight = barycentric(layout.at[faces], at)[..., None]
-        if photo is None:
-            painted = (mesh.colors[mesh.faces[faces]] * weight).sum(1)
-        else:
-            points = (mesh.vertices[mesh.faces[faces]] * weight).sum(1)
-            painted = sample_photo(views[int(label[faces[0]])], photo, points)
-        painted = painted + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
-        return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
-
-    for k, found in enumerate(parallel_map(colors, range(len(kinds)))):
+    painter = _Painter(mesh, layout, painting, face)
+    colors = parallel_map(lambda k: painter.paint(int(kinds[k]), parts[k]), range(len(kinds)))
+    for k, found in enumerate(colors):
         progress(k / len(kinds))
         image[parts[k]] = found
     return fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0, 2 * options.gutter)
+
+
+class _Painter:
+    """Colours pixels of the picture from a photo, or from the mesh where no photo shows the face.
+
+    Args:
+        mesh: normalised frame.
+        layout: place of each face in the picture.
+        painting: which photo paints which face, and the photos.
+        face: of each pixel of the picture, -1 for none, [H, W].
+    """
+
+    def __init__(self, mesh: Mesh, layout: Layout, painting: Painting, face: NDArray[np.int32]) -> None:
+        self.mesh, self.layout, self.painting, self.face = mesh, layout, painting, face.ravel()
+        self._room = Room()
+
+    def paint(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.uint8]:
+        """Return colours [N, 3] of pixels [N] (y * width + x) from the photo of view ``index``, or :data:`NO_VIEW`."""
+        if index == NO_VIEW:
+            return self._in_blocks(pixels, lambda faces, weight: self._blend(self.mesh.colors, faces, weight))
+        view = self.painting.views[index]
+        with self._room.photo(view.original_width, view.original_height):
+            photo = shrunk(view, self.painting.source(index), self.layout.scale)
+            return self._in_blocks(
+                pixels,
+                lambda faces, weight: sample_photo(view, photo, self._blend(self.mesh.vertices, faces, weight)),
+            )
+
+    def _in_blocks(self, pixels: NDArray[np.int64], colors: Callable[[Faces, Weights], Array]) -> NDArray[np.uint8]:
+        """Colour pixels by their faces [n] and their weights between the corners [n, 3, 1], and level the seams."""
+        corrections, found = self.painting.corrections, np.empty((len(pixels), 3), np.uint8)
+        for first in range(0, len(pixels), BLOCK):
+            block = slice(first, first + BLOCK)
+            faces = self.face[pixels[block]]
+            at = np.stack([pixels[block] % self.layout.width, pixels[block] // self.layout.width], 1) + 0.5
+            weight = barycentric(self.layout.at[faces], at)[..., None]
+            painted = colors(faces, weight) + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
+            found[block] = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
+        return found
+
+    def _blend(self, values: Array, faces: Faces, weight: Weights) -> NDArray[np.float64]:
+        """Interpolate values of the vertices [V, 3] on faces [n], [n, 3]."""
+        return np.asarray((values[self.mesh.faces[faces]] * weight).sum(1), np.float64)
 
 
 def barycentric(triangle: NDArray[np.float64], at: NDArray[np.floating]) -> NDArray[np.float64]:
