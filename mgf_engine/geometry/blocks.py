@@ -54,6 +54,10 @@ class BlockGrid:
         return np.stack([np.isin(points[:, axis], self.cuts[axis]) for axis in range(3)], 1)
 
 
+#: The grid of a single block.
+WHOLE = BlockGrid((np.zeros(0), np.zeros(0), np.zeros(0)))
+
+
 def make_grid(points: Points, count: int) -> BlockGrid:
     """Divide the box around points [N, 3] into ``count`` blocks, the longest sides first.
 

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.block_store import BlockStore
-from mgf_engine.geometry.blocks import make_grid, with_borders
+from mgf_engine.geometry.blocks import WHOLE, BlockGrid, make_grid, with_borders
 from mgf_engine.geometry.delaunay import begun, spans_volume
-from mgf_engine.mesh.isosurface import Crossing, joined, march
 from mgf_engine.mesh.tetrahedra import TetraPoints
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.system import release_memory
 
 #: Makes the tetrahedra of a block by its number, corners [T, 4]; the check is called while it waits, and may raise.
 Made = Callable[[int, Callable[[], None]], NDArray[np.int32]]
@@ -31,10 +32,16 @@ class TetraBlocks:
     Attributes:
         spanned: all points, those of the borders included.
         members: numbers of the points of each block, [B] arrays; one block has all.
+        grid: of the blocks.
     """
 
     spanned: TetraPoints
     members: Sequence[NDArray[np.int64]]
+    grid: BlockGrid = WHOLE
+
+    def on_border(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell which points [N, 3] lie on a border of two blocks, bool [N]."""
+        return np.asarray(self.grid.on_border(points).any(1))
 
 
 def divide(spanned: TetraPoints, count: int) -> TetraBlocks:
@@ -49,7 +56,7 @@ def divide(spanned: TetraPoints, count: int) -> TetraBlocks:
     grid = make_grid(spanned.points, count)
     points, extent = with_borders(spanned.points, spanned.extent, grid)
     members = [rows for rows in grid.members(points) if spans_volume(points[rows])]
-    return TetraBlocks(TetraPoints(points, extent), members)
+    return TetraBlocks(TetraPoints(points, extent), members, grid)
 
 
 @contextlib.contextmanager
@@ -78,31 +85,34 @@ def tetrahedra_begun(blocks: TetraBlocks) -> Iterator[Made]:
         yield made
 
 
-def march_blocks(
-    blocks: TetraBlocks,
-    state: NDArray[np.uint8],
-    made: Callable[[int], NDArray[np.int32]],
-    began: Callable[[int], None] = lambda number: None,
-) -> Crossing:
-    """March the tetrahedra of all blocks; those of one are let go before the next ones are made.
+def join_blocks(
+    blocks: TetraBlocks, state: NDArray[np.uint8], mesh_of: Callable[[int], Mesh], began: Callable[[int], None]
+) -> Mesh:
+    """Join the meshes of all blocks, each made when the one before is done and its tetrahedra are gone.
 
-    A block that was done before the job was stopped is not done again.
+    A block that was done before the job was stopped is not done again. Vertices on borders are there once for each
+    block that has them, at the very same place.
 
     Args:
         blocks: points, and which of them each block has.
         state: FREE, SOLID or INVALID for each point, uint8 [M].
-        made: makes the tetrahedra of a block, [T, 4].
+        mesh_of: makes the mesh of a block.
         began: called with the number of each block before.
     """
-    points, crossings = blocks.spanned.points, list[Crossing]()
-    if len(blocks.members) < 2:
-        return march(made(0), state, points)
-    store = BlockStore("mesh", points, state, *blocks.members)
+    store, found = BlockStore("mesh", blocks.spanned.points, state, *blocks.members), list[Mesh]()
     for number in range(len(blocks.members)):
         began(number)
         done = store.load(number)
-        crossing = march(made(number), state, points) if done is None else Crossing(**done)
+        mesh = mesh_of(number) if done is None else uncoloured(**done)
         if done is None:
-            store.save(number, edges=crossing.edges, faces=crossing.faces)
-        crossings.append(crossing)
-    return joined(crossings, len(state))
+            store.save(number, vertices=mesh.vertices, faces=mesh.faces)
+        found.append(mesh)
+        release_memory()
+    offset = np.cumsum([0, *(len(mesh.vertices) for mesh in found[:-1])])
+    faces = [mesh.faces + np.int32(first) for mesh, first in zip(found, offset, strict=True)]
+    return uncoloured(np.concatenate([mesh.vertices for mesh in found]), np.concatenate(faces))
+
+
+def uncoloured(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Mesh:
+    """Return the mesh of vertices [N, 3] and faces [F, 3], all black."""
+    return Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))

@@ -28,6 +28,7 @@ from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar import flatten
+from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
@@ -134,9 +135,14 @@ def _raw_surface(
             calibrate_level(field, given.scene, given.masks, options)
         mesh = extract_level_set(
             blocks, lambda number: made(number, reporter.check), field, options.level_steps,
-            _reporting(blocks, reporter, times),
+            _reporting(blocks, reporter, times), lambda part: _thinned(part, blocks, given.trusted.views, options),
         )  # fmt: skip
     return mesh, field
+
+
+def _thinned(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
+    """Merge the vertices of a block's mesh in flat areas, where that is wanted; those that others share stay."""
+    return merge_flat(mesh, views, options.clustering, blocks.on_border) if options.merge_flat else mesh
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ slivers whose volume rounds to nothing come out right.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,13 +76,6 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
     a, b, c, d = ordered[np.bitwise_count(code) == 2].T
     quads = np.stack([a, c, a, d, b, d, b, c], 1).reshape(-1, 4, 2)
     return _number(np.concatenate([one, three, _cut(quads, points)]), len(state))
-
-
-def joined(crossings: Sequence[Crossing], count: int) -> Crossing:
-    """Join the crossings of parts of a tetrahedral mesh with ``count`` points: edges that parts share become one."""
-    if len(crossings) == 1:
-        return crossings[0]
-    return _number(np.concatenate([crossing.edges[crossing.faces] for crossing in crossings]), count)
 
 
 def _cut(quads: NDArray[np.int32], points: NDArray[np.float64]) -> NDArray[np.int32]:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
-from mgf_engine.mesh.blocks import TetraBlocks, march_blocks
+from mgf_engine.mesh.blocks import TetraBlocks, join_blocks
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import fill_holes
-from mgf_engine.mesh.isosurface import FREE, Crossing, find_level
+from mgf_engine.mesh.isosurface import FREE, Crossing, find_level, march
 from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
@@ -50,6 +50,7 @@ def extract_level_set(
     field: OpacityField | TsdfField,
     steps: int,
     reporting: Reporting = Reporting(),
+    thinned: Callable[[Mesh], Mesh] = lambda mesh: mesh,
 ) -> Mesh:
     """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
 
@@ -59,17 +60,30 @@ def extract_level_set(
         field: tells solid from free.
         steps: of the search for the level on each edge.
         reporting: is told of blocks and progress.
+        thinned: takes vertices out of the mesh of a block, those on its borders excepted, where there are several.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
     """
-    with reporting.times.part("tetrahedra"):
+    count, crossed, times = len(blocks.members), list[int](), reporting.times
+    with times.part("tetrahedra"):
         state = field.classify(blocks.spanned.points)
-        crossing = march_blocks(blocks, state, made, reporting.began)
-    if len(crossing.faces) == 0:
+
+    def mesh_of(number: int) -> Mesh:
+        def placed(share: float) -> None:
+            reporting.progress((number + share) / count)
+
+        with times.part("tetrahedra"):
+            crossing = march(made(number), state, blocks.spanned.points)
+            crossed.append(len(crossing.faces))
+        with times.part("level set"):
+            mesh = _place(blocks.spanned, crossing, field, steps, placed)
+            return mesh if count < 2 else thinned(clean.weld(clean.with_faces(mesh, mesh.faces)))
+
+    mesh = mesh_of(0) if count < 2 else join_blocks(blocks, state, mesh_of, reporting.began)
+    if len(mesh.faces) == 0 and not any(crossed):
         raise BadInput("The field has no surface inside the masks; train longer, or check the masks and the cameras.")
-    with reporting.times.part("level set"):
-        return _place(blocks.spanned, crossing, field, steps, reporting.progress)
+    return mesh
 
 
 def _place(

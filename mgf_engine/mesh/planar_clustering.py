@@ -7,7 +7,7 @@ per cell of a grid; edges, bars and all that is thinner than a cell keep every v
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,18 +35,30 @@ class PlanarClusteringOptions:
     tries: int = parameter(3, "Number of rounds that undo what would pinch the surface")
 
 
-def merge_flat(mesh: Mesh, views: Sequence[View], options: PlanarClusteringOptions = PlanarClusteringOptions()) -> Mesh:
+def merge_flat(
+    mesh: Mesh,
+    views: Sequence[View],
+    options: PlanarClusteringOptions = PlanarClusteringOptions(),
+    kept: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = None,
+) -> Mesh:
     """Merge the vertices that lie in one plane and one cell.
 
     Args:
+        mesh: vertices with colours, and faces.
         views: at least one, in the mesh's frame; they tell how large a pixel is.
+        options: size of the cells, and how plane one must be.
+        kept: tells which vertices [N, 3] stay as they are, bool [N]; None for none.
 
     Raises:
         MemoryError: the work needs about 100 bytes per vertex.
     """
     for side in options.cells:
         pixel = nearest_pixels(mesh.vertices, views)
-        mesh = merge_cells(mesh, _cells(mesh.vertices, side * pixel), options.tolerance * pixel, options)
+        cell = _cells(mesh.vertices, side * pixel)
+        if kept is not None:
+            alone = np.flatnonzero(kept(mesh.vertices))
+            cell[alone] = len(cell) + np.arange(len(alone))
+        mesh = merge_cells(mesh, cell, options.tolerance * pixel, options)
     return mesh
 
 

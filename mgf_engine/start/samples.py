@@ -18,6 +18,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 
 _BLOCK = 1 << 16  # samples that are placed together, which bounds the memory
+_BATCH = 1 << 20  # samples that are thinned out together: pairs of neighbours take much memory
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,18 @@ def poisson_disk_subset(points: NDArray[np.float64], radius: float) -> NDArray[n
     Returns:
         Their numbers, ascending.
     """
+    kept = np.zeros(0, np.int64)
+    for begin in range(0, len(points), _BATCH):  # those that stay of the first ones decide about the next
+        rows = np.arange(begin, min(begin + _BATCH, len(points)))
+        if len(kept):
+            nearest = cKDTree(points[kept]).query(points[rows], distance_upper_bound=np.nextafter(radius, np.inf))[0]
+            rows = rows[~(nearest <= radius)]
+        kept = np.concatenate([kept, rows[_independent(points[rows], radius)]])
+    return kept
+
+
+def _independent(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
+    """Choose points as :func:`poisson_disk_subset`, all at once."""
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
     state = np.zeros(len(points), np.int8)  # 0: not decided, 1: stays, -1: goes
     low, high = (side.astype(np.int32) for side in (pairs.min(1), pairs.max(1)))
