@@ -8,11 +8,11 @@ import importlib
 
 _MODULES = (
     "translations", "common.runner", "common.editors", "properties", "engine.operators", "preferences",
-    "scene_import.operators", "scene_import.panel", "prompts.tool", "reconstruct.preview_image",
-    "reconstruct.operators", "prompts.operators", "prompts.suggest", "prompts.preview", "prompts.drawing",
-    "prompts.panel", "reconstruct.panel", "results.async_import", "results.operators", "results.panel",
-    "drawings.operators", "drawings.panel", "models.operators", "models.panel", "georef.operators", "georef.tool",
-    "georef.overlay", "georef.magnifier", "georef.panel", "town.operators", "town.panel", "cli",
+    "scene_import.operators", "scene_import.placement", "scene_import.panel", "prompts.tool",
+    "reconstruct.preview_image", "reconstruct.operators", "prompts.operators", "prompts.suggest", "prompts.preview",
+    "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.async_import", "results.operators",
+    "results.panel", "drawings.operators", "drawings.panel", "models.operators", "models.panel", "georef.operators",
+    "georef.tool", "georef.overlay", "georef.magnifier", "georef.panel", "town.operators", "town.panel", "cli",
 )  # fmt: skip
 
 

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators that bring a scene in and put it right: import, drop, camera, scale, up axis."""
+"""Operators that bring a scene in and look at it: import, drop, camera, crop box."""
 
 from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
 
 from ..common.editors import enter_camera, frame_scene
 from ..common.errors import UserError
@@ -14,10 +13,9 @@ from ..common.text import tr
 from ..prompts.roots import choose_roots
 from ..results.surface import paints_texture
 from ..results.view_mode import follow
-from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render, set_clipping
+from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render
 from .colmap import read_model
 from .crop import add_crop_box, find_crop_box
-from .frame import rotation_to_z, up_direction
 from .load import Imported, import_scene
 from .locate import find_model, find_photo
 from .tree import Tree
@@ -103,79 +101,6 @@ class MGF_OT_look_through(SceneOperator):
         clear_view(tree, camera)
         follow(tree, camera)
         enter_camera(context)
-
-
-class MGF_OT_set_scale(SceneOperator):
-    """Scale the scene so that two chosen points lie at a known distance: select two vertices or two objects"""
-
-    bl_idname = "mgf.set_scale"
-    bl_label = "Set Scale"
-    bl_options = {"REGISTER", "UNDO"}
-
-    distance: bpy.props.FloatProperty(
-        name="Distance", description="True distance between the two points", default=1.0, min=1e-6, subtype="DISTANCE"
-    )
-    measured: bpy.props.FloatProperty(options={"HIDDEN", "SKIP_SAVE"}, description="Distance before", precision=4)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        chosen = _count_points(context) == 2
-        return super().poll(context) and cls.needs(chosen, "Select exactly two vertices or two objects first")
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        try:
-            self.measured = self.distance = _distance(context)
-        except UserError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return context.window_manager.invoke_props_dialog(self)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        self.layout.label(text=tr("Distance now: {measured:.6g}", measured=self.measured), translate=False)
-        self.layout.prop(self, "distance")
-
-    def run(self, context: bpy.types.Context) -> None:
-        self.measured = measured = _distance(context)
-        if context.mode != "OBJECT":
-            bpy.ops.object.mode_set(mode="OBJECT")  # the undo steps of other modes know nothing of objects' scale
-        tree, factor = Tree.find(context.scene), self.distance / measured
-        root = tree.root
-        root.matrix_basis = Matrix.Scale(factor, 4) @ root.matrix_basis
-        for obj in tree.objects("Cameras"):
-            set_clipping(obj.data, tree)
-        self.report({"INFO"}, tr("{measured:.6g} measured, scaled by {factor:.6g}", measured=measured, factor=factor))
-
-
-class MGF_OT_set_up_axis(SceneOperator):
-    "Set the direction of the scene that points up"
-
-    bl_idname = "mgf.set_up_axis"
-    bl_label = "Set Up Axis"
-    bl_options = {"REGISTER", "UNDO"}
-
-    axis: bpy.props.EnumProperty(
-        name="Up",
-        description="Direction of the scene's own coordinates that becomes Z",
-        items=[
-            ("CAMERAS", "From Cameras", "The direction that keeps the photos' horizons level"),
-            ("X", "X", "The scene's X axis"), ("NEG_X", "-X", "Against the scene's X axis"),
-            ("Y", "Y", "The scene's Y axis"), ("NEG_Y", "-Y", "Against the scene's Y axis"),
-            ("Z", "Z", "The scene's Z axis"), ("NEG_Z", "-Z", "Against the scene's Z axis"),
-        ],
-    )  # fmt: skip
-
-    def run(self, context: bpy.types.Context) -> None:
-        tree = Tree.find(context.scene)
-        if self.axis == "CAMERAS":
-            cameras = [np.array(o.matrix_basis)[:3, :3] for o in tree.cameras()]
-            up = up_direction(
-                np.array([np.diag([1.0, -1.0, -1.0]) @ (m / np.linalg.norm(m, axis=0)).T for m in cameras])
-            )
-        else:
-            up = np.eye(3)["XYZ".index(self.axis[-1])] * (-1.0 if self.axis.startswith("NEG") else 1.0)
-        root = tree.root
-        location, _, scale = root.matrix_basis.decompose()
-        root.matrix_basis = Matrix.LocRotScale(location, Matrix(rotation_to_z(up).tolist()), scale)
 
 
 class MGF_OT_add_crop_box(SceneOperator):
@@ -310,40 +235,6 @@ def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
         context.view_layer.objects.active = obj
 
 
-def _count_points(context: bpy.types.Context) -> int:
-    """Return how many points are selected: vertices in Edit Mode, else objects."""
-    obj = context.object
-    if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
-        return obj.data.total_vert_sel
-    return len(context.selected_objects)
-
-
-def _distance(context: bpy.types.Context) -> float:
-    """Measure between the two selected points.
-
-    Raises:
-        UserError: they are not two, or at one place.
-    """
-    a, b = _two_points(context)
-    measured = (a - b).length
-    if measured < 1e-12:
-        raise UserError("The two points are in the same place; choose two different ones.")
-    return measured
-
-
-def _two_points(context: bpy.types.Context) -> list[Vector]:
-    """Return two world positions out of the selection: vertices in Edit Mode, else objects."""
-    obj = context.object
-    if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
-        obj.update_from_editmode()
-        found = [obj.matrix_world @ v.co for v in obj.data.vertices if v.select]
-    else:
-        found = [o.matrix_world.translation.copy() for o in context.selected_objects]
-    if len(found) != 2:
-        raise UserError("Select exactly two vertices or two objects; {count} are selected.", count=len(found))
-    return found
-
-
 def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Keep the render size in step with the active camera (handler), because Blender keeps it in the scene."""
     camera, before = scene.camera, _last.get(scene.name)
@@ -366,8 +257,8 @@ def menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 CLASSES = (
-    MGF_OT_import_colmap, MGF_OT_reload_scene, MGF_OT_look_through, MGF_OT_set_scale, MGF_OT_set_up_axis,
-    MGF_OT_add_crop_box, MGF_OT_select_crop_box, MGF_OT_remove_crop_box, MGF_FH_colmap,
+    MGF_OT_import_colmap, MGF_OT_reload_scene, MGF_OT_look_through, MGF_OT_add_crop_box, MGF_OT_select_crop_box,
+    MGF_OT_remove_crop_box, MGF_FH_colmap,
 )  # fmt: skip
 
 
