@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.houses import bungalow, half_timber, plain_house, slate_villa
-from benchmarks.landmarks import balcony_tower, chapel, glass_office, glass_showroom, sheet_hall, warehouse
+from benchmarks.landmarks import balcony_tower, chapel, glass_block, glass_office, glass_showroom, sheet_hall, warehouse
 from benchmarks.roofs import band, gable_roof
 from benchmarks.shapes import Builder, Opening, Part, wall_row
 
@@ -279,6 +279,7 @@ BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "sheet_hall": sheet_hall,
     "glass_office": glass_office,
     "glass_showroom": glass_showroom,
+    "glass_block": glass_block,
     "balcony_tower": balcony_tower,
     "chapel": chapel,
 }

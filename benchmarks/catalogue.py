@@ -186,6 +186,11 @@ SCENES["glass_showroom"] = replace(
     _SMALL, building="glass_showroom", wall="mirror_glass", seed=45, sun_azimuth=-20.0,
     rings=(Ring(0.55, 6.0, 24.0, 4.0), Ring(0.45, 18.0, 21.0, 4.0)), **_FAULTY,
 )  # fmt: skip
+# Curtain wall around a yard, in whose panes sky and the other wing are mirrored.
+SCENES["glass_block"] = replace(
+    _SMALL, building="glass_block", wall="mirror_glass", seed=46, sun_azimuth=130.0, sun_elevation=38.0,
+    rings=(Ring(0.5, 5.0, 27.0, 5.0), Ring(0.5, 19.0, 24.0, 5.0)), **_FAULTY,
+)  # fmt: skip
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("steel_frame_hall", "brick_ensemble"):

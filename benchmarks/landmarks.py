@@ -145,6 +145,21 @@ def glass_showroom(wall: str = "mirror_glass") -> list[Part]:
     return b.parts()
 
 
+def glass_block(wall: str = "mirror_glass") -> list[Part]:
+    """Three storeys of curtain wall around two sides of a yard, at the end a stair tower of brick (26 x 20 x 13 m)."""
+    b = Builder()
+    floors, storey = 3, 3.2
+    height = floors * storey
+    corners = [(-13.0, -10.0), (9.0, -10.0), (9.0, 10.0), (-1.0, 10.0), (-1.0, 0.0), (-13.0, 0.0)]
+    for i, corner in enumerate(corners):
+        _curtain(b, wall, (corner, corners[(i + 1) % 6]), floors, storey, f"side {i}")
+        b.box((corner[0] - 0.15, corner[1] - 0.15, 0), (corner[0] + 0.15, corner[1] + 0.15, height), "alu", "corners")
+    b.polygon([(px, py, height - 0.2) for px, py in corners], "gravel", "roof")
+    b.box((9.0, 2.0, 0), (13.0, 8.0, height + 2.6), "brick", "stairs")
+    b.box((-9.0, -7.0, height - 0.2), (-5.5, -4.0, height + 1.6), "sheet", "plant")
+    return b.parts()
+
+
 def _panes(b: Builder, glass: str, ends: tuple[Corner, Corner], heights: tuple[float, float], name: str) -> None:
     """Panes as high as the storey, 2 m wide, between slim mullions that stand in front of them."""
     frame, (low, top) = WallFrame.make(*ends, 0.0), heights

@@ -32,7 +32,8 @@ class PlanarOptions:
     seed_side: float = parameter(10.0, "Side of the cells in which planes begin", "ground px", low=0.1)
     seed_area: float = parameter(25.0, "Minimum area of the faces of such a cell", "ground px²")
     seed_even: float = parameter(0.95, "Minimum length of the mean normal of such a cell", high=1)
-    tries: int = parameter(250, "Maximum number of cells in which a plane is begun")
+    seed_block: int = parameter(4, "Number of such cells along a block, of which the best is tried first", low=1)
+    tries: int = parameter(400, "Maximum number of cells in which a plane is begun")
     radii: tuple[float, float, float] = parameter(
         (15.0, 40.0, 120.0), "Radii around the beginning in which a plane is fitted, one after the other", "ground px"
     )
@@ -129,11 +130,9 @@ def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
     label = np.full(len(faces.area), -1, np.int32)
     found: list[tuple[NDArray[np.float64], float, float]] = []
     refused: list[tuple[NDArray[np.float64], float]] = []
-    group, begin = _seeds(faces, o)
     tree = cKDTree(faces.centre)
-    for seed in begin[: o.tries]:
-        rows = np.flatnonzero(group == seed)
-        rows = rows[label[rows] < 0]
+    for seed in _seeds(faces, o):
+        rows = seed[label[seed] < 0]
         if faces.area[rows].sum() < o.seed_area:
             continue
         at, pixel = faces.centre[rows].mean(0), float(np.median(faces.pixel[rows]))
@@ -153,8 +152,9 @@ def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
     return Planes(normals, np.array([at for _, at, _ in found]), np.array([noise for *_, noise in found]), label)
 
 
-def _seeds(faces: MeshFaces, o: PlanarOptions) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the group of each face, by place and direction, and the groups that planes may begin in, best first."""
+def _seeds(faces: MeshFaces, o: PlanarOptions) -> list[NDArray[np.int64]]:
+    """Group the faces by place and direction; return those of each group that a plane may begin in, the best of each
+    block first."""
     side = o.seed_side * float(np.median(faces.pixel))
     local = np.floor((faces.centre - faces.centre.min(0)) / side)
     cell = morton(local.astype(np.int64)) if local.max() < 2**20 else morton(cells_of(faces.centre))
@@ -167,7 +167,27 @@ def _seeds(faces: MeshFaces, o: PlanarOptions) -> tuple[NDArray[np.int64], NDArr
     mean = np.stack([np.bincount(group, faces.area * faces.normal[:, k]) for k in range(3)], 1)
     even = np.linalg.norm(mean, axis=1) / np.maximum(area, 1e-12)
     fit = np.flatnonzero((area >= o.seed_area) & (even >= o.seed_even))
-    return group, fit[np.argsort(-(even[fit] - o.seed_even) * np.minimum(area[fit], o.seed_side**2), kind="stable")]
+    score = (even[fit] - o.seed_even) * np.minimum(area[fit], o.seed_side**2)
+    some = order[np.flatnonzero(new)][fit]  # a face of each
+    block = morton((local[some] // o.seed_block).astype(np.int64)) * 8 + direction[some]
+    best = fit[_by_turns(block, score)]
+    ranked = np.argsort(group, kind="stable")
+    bound = np.r_[0, np.cumsum(np.bincount(group))]
+    return [ranked[bound[g] : bound[g + 1]] for g in best[: o.tries]]
+
+
+def _by_turns(block: NDArray[np.integer], score: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order by score, [K], the best of each block before the second of any: one even part does not use up all tries.
+
+    Args:
+        block: of each, [K].
+        score: of each, [K].
+    """
+    ahead = np.lexsort((-score, block))
+    new = np.r_[True, block[ahead][1:] != block[ahead][:-1]][: len(ahead)]
+    turn = np.empty(len(ahead), np.int64)
+    turn[ahead] = np.arange(len(ahead)) - np.flatnonzero(new)[np.cumsum(new) - 1]
+    return np.lexsort((-score, turn))
 
 
 def _begin(

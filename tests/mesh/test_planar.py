@@ -140,6 +140,21 @@ def test_slow_waves_of_stereo_do_not_keep_a_wall_from_being_flat():
     assert rms(result.vertices[inside, 2]) < 0.1 < 0.4 < rms(waves(*result.vertices[inside, :2].T))
 
 
+def test_a_rough_wall_beside_a_smooth_vault_becomes_flat():
+    """Every place of the vault is more even than the wall, and there are more of them than are tried."""
+    angle, along, line = np.arange(0.5, 2.6, 0.02), np.arange(0, 240, 2.5), np.arange(0, 61, 1.5)
+    vault = sheet(along, angle, lambda u, v: (u, -150 * np.cos(v), 150 * np.sin(v)))
+    wall = sheet(line, line, lambda u, v: (u, v, np.full(len(u), -50.0)))
+    rough = noisy(joined(wall), 0.3)
+    away = rough.vertices.mean(0)
+    both = joined((rough.vertices, rough.faces), vault)
+    result = flat(both)
+    mine = both.vertices[:, 2] < 0
+    assert np.isclose(both.vertices[mine].mean(0), away, atol=1e-3).all()
+    assert rms(result.vertices[mine, 2] + 50) < 0.1 < 0.25 < rms(both.vertices[mine, 2] + 50)
+    assert rms(np.hypot(*result.vertices[~mine, 1:].T) - 150) < 0.1, "the vault stays round"
+
+
 def test_thin_bar_keeps_its_thickness():
     exact = box(3, 3, 200, 1.0)
     rough = noisy(exact, 0.15)
