@@ -81,8 +81,9 @@ def _told(group: str) -> str:
 def _title(row: Row) -> str:
     """The scene, how many photos of which size it has, and what a pixel covers."""
     name = Path(row["scene"]).name
-    photos = f"{row['photos']} photos of {row['width']} px, " if "photos" in row else ""
-    return f"{name}\n{photos}a pixel covers {row['ground_pixel'] * 100:.1f} cm"
+    known = [f"{row['photos']} photos of {row['width']} px"] if "photos" in row else []
+    known += [f"a pixel covers {row['ground_pixel'] * 100:.1f} cm"] if "ground_pixel" in row else []
+    return f"{name}\n{', '.join(known)}"
 
 
 def _panel(axes: Axes, rows: list[Row], threshold: float, looks: dict[str, dict[str, Any]]) -> list[Any]:
