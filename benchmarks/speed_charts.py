@@ -12,6 +12,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks.chart_parts import WORK, name_in, tidy, time_axis, write_names
 from benchmarks.measure import THRESHOLDS
@@ -39,7 +40,9 @@ def speed_figure(rows: Sequence[Row]) -> Figure:
     """
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     size = (1.2 + 3.9 * len(scenes), 1.3 + 3.1 * len(SHOWN))
-    figure, grid = plt.subplots(len(SHOWN), len(scenes), figsize=size, layout="constrained", squeeze=False)
+    figure, grid = plt.subplots(
+        len(SHOWN), len(scenes), figsize=size, layout="constrained", squeeze=False, sharex=True
+    )  # fmt: skip
     looks = _looks(dict.fromkeys(_group(row) for row in rows))
     names = []
     for column, scene in zip(grid.T, scenes, strict=True):
@@ -49,8 +52,7 @@ def speed_figure(rows: Sequence[Row]) -> Figure:
         column[-1].set_xlabel(WORK[1])
     for axes, threshold in zip(grid[:, 0], SHOWN, strict=True):
         axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %")
-    grid[0, 0].annotate("↖ faster and\nmore accurate", (0.02, 0.98), xycoords="axes fraction", va="top", fontsize=8,
-                        color="#666666")  # fmt: skip
+    figure.suptitle("Speed against accuracy: further left is faster, further up more accurate", fontsize=11)
     known = {line.get_label(): line for axes in grid.flat for line in axes.get_lines()}
     figure.legend([known[key] for key in looks if key in known], [_told(key) for key in looks if key in known],
                   loc="outside lower center", ncols=2, fontsize=9, frameon=False)  # fmt: skip
@@ -100,9 +102,11 @@ def _panel(axes: Axes, rows: list[Row], threshold: float, looks: dict[str, dict[
         line = "" if len(spots) == 1 or group.startswith(SETTINGS_APART) else "-"
         axes.plot([s[0] for s in spots], [s[1] for s in spots], linestyle=line, label=group, **looks[group])
         names += [(name_in(group, name), (work, value), looks[group]["color"]) for work, value, name in spots]
-    axes.margins(x=0.22, y=0.12)  # for the names
-    axes.set_ylim(0, min(105, axes.get_ylim()[1]))
+    axes.margins(x=0.22)  # for the names
+    axes.set_ylim(0, min(105, 1.15 * max(value for _, (_, value), _ in names)))
     time_axis(axes, "")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     tidy(axes, legend=False)
     return names
 
