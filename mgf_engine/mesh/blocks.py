@@ -43,6 +43,14 @@ class TetraBlocks:
         """Tell which points [N, 3] lie on a border of two blocks, bool [N]."""
         return np.asarray(self.grid.on_border(points).any(1))
 
+    def near_border(self, points: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell which points [N, 3] lie within their reach [N] of a border, bool [N]."""
+        result = np.zeros(len(points), bool)
+        for axis, cuts in enumerate(self.grid.cuts):
+            for cut in cuts:
+                result |= np.abs(points[:, axis] - cut) <= reach
+        return result
+
 
 def divide(spanned: TetraPoints, count: int) -> TetraBlocks:
     """Divide points into at most ``count`` blocks; those without tetrahedra are left out.

@@ -28,7 +28,7 @@ from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar import flatten
-from mgf_engine.mesh.planar_clustering import merge_flat
+from mgf_engine.mesh.planar_clustering import merge_flat, nearest_pixels
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
@@ -87,7 +87,8 @@ def extract_mesh(
     mesh, field = _raw_surface(kept, _Inputs(scene, masks, trusted, start, box), options, reporter, times)
     reporter.progress(_PLACED, faces=len(mesh.faces))
     with _part(times, "cleaning"):
-        mesh = clean_level_set(mesh, field, trusted, options)
+        merged = options.blocks > 1  # each block's own
+        mesh = clean_level_set(mesh, field, trusted, replace(options, merge_flat=options.merge_flat and not merged))
         if options.drop_unseen:
             mesh = keep_clicked_parts(mesh, scene, masks, reporter, options.components)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
@@ -137,12 +138,26 @@ def _raw_surface(
             blocks, lambda number: made(number, reporter.check), field, options.level_steps,
             _reporting(blocks, reporter, times), lambda part: _thinned(part, blocks, given.trusted.views, options),
         )  # fmt: skip
+    if options.blocks > 1 and options.merge_flat:
+        mesh = _seams_thinned(clean.weld(mesh), blocks, given.trusted.views, options)
     return mesh, field
 
 
 def _thinned(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
     """Merge the vertices of a block's mesh in flat areas, where that is wanted; those that others share stay."""
     return merge_flat(mesh, views, options.clustering, blocks.on_border) if options.merge_flat else mesh
+
+
+def _seams_thinned(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
+    """Merge the vertices of the joined mesh on the borders; a second round for all others would coarsen them."""
+    if len(blocks.members) < 2:  # all points are in one block
+        return merge_flat(mesh, views, options.clustering)
+    reach = max(options.clustering.cells)
+
+    def away(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return ~blocks.near_border(points, reach * nearest_pixels(points, views))
+
+    return merge_flat(mesh, views, options.clustering, away)
 
 
 @contextlib.contextmanager
