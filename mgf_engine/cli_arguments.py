@@ -44,7 +44,7 @@ def parse_arguments(args: Sequence[str]) -> argparse.Namespace:
 
 
 def _flags_of(parser: argparse.ArgumentParser, command: str) -> list[str]:
-    """Return the options that a command has."""
+    """Return the options that a command has: of argparse's own lists, since it has no public one."""
     commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     return [*commands.choices[command]._option_string_actions]
 
