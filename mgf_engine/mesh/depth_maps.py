@@ -90,34 +90,72 @@ def make_depth_maps(
         spill: where their pixels are kept; in memory when None.
     """
     near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
-    asked = _views_with_neighbours(shown, masks, near, options.prior)
+    order = visiting_order(near)
+    asked = _views_with_neighbours(shown, masks, near, order, options.prior)
     each = BYTES_PER_PIXEL * max((mask.size for mask in masks), default=0)
-    maps: list[DepthMap] = []
-    for found in parallel_map(lambda view: _match(view, options), asked, bytes_each=each):
+    maps: dict[int, DepthMap] = {}
+    for number, found in zip(
+        order, parallel_map(lambda view: _match(view, options), asked, bytes_each=each), strict=True
+    ):
         progress(len(maps) / len(masks))
-        maps.append(found if spill is None else replace(found, pixels=spill.keep(found.pixels)))
-    return maps
+        maps[number] = found if spill is None else replace(found, pixels=spill.keep(found.pixels))
+    return [maps[number] for number in range(len(masks))]
+
+
+def visiting_order(near: Sequence[Sequence[int]]) -> list[int]:
+    """Order views so that few wait for each other: next comes the one that needs the fewest surfaces not yet drawn.
+
+    Args:
+        near: per view the numbers of those that it is matched with.
+    """
+    users: list[list[int]] = [[] for _ in near]
+    for number, others in enumerate(near):
+        for k in {number, *others}:
+            users[k].append(number)
+    missing = np.array([len({number, *others}) for number, others in enumerate(near)], np.int64)
+    drawn, order = np.zeros(len(near), bool), list[int]()
+    for _ in near:
+        number = int(missing.argmin())
+        order.append(number)
+        for k in {number, *near[number]}:
+            if not drawn[k]:
+                drawn[k] = True
+                missing[users[k]] -= 1
+        missing[number] = np.iinfo(np.int64).max // 2  # done; what is drawn later takes a little off it
+    return order
 
 
 def _views_with_neighbours(
-    shown: ViewSurfaces, masks: Sequence[NDArray[np.uint8]], near: Sequence[list[int]], options: PriorOptions
+    shown: ViewSurfaces,
+    masks: Sequence[NDArray[np.uint8]],
+    near: Sequence[list[int]],
+    order: Sequence[int],
+    options: PriorOptions,
 ) -> Iterator[_Asked]:
     """Yield each view with its neighbours; a surface is kept only as long as a view still to come is matched with
-    it."""
-    wanted = [(number, *near[number]) for number in range(len(masks))]
+    it.
+
+    Args:
+        shown: what the views show.
+        masks: per view uint8 [H, W].
+        near: per view the numbers of those that it is matched with.
+        order: of the views.
+        options: of the choice between field and prior.
+    """
+    wanted = [(number, *near[number]) for number in order]
     in_order = [k for numbers in wanted for k in numbers]
     left = np.bincount(in_order, minlength=len(masks))
     drawn = each_view(shown.show, list(dict.fromkeys(in_order)), shown.device)
     surfaces: dict[int, Surface] = {}
     before: dict[int, KnownSurface] = {}  # and what they show of the prior
-    for numbers, mask in zip(wanted, masks, strict=True):
+    for numbers in wanted:
         for k in numbers:
             if k not in surfaces:
                 surfaces[k] = next(drawn)
                 if shown.prior is not None:
                     before[k] = shown.prior(k)
                     surfaces[k] = combine_surfaces(surfaces[k], before[k], options)
-        yield _Asked(mask, [surfaces[k] for k in numbers], [before[k] for k in numbers if k in before])
+        yield _Asked(masks[numbers[0]], [surfaces[k] for k in numbers], [before[k] for k in numbers if k in before])
         for k in numbers:
             left[k] -= 1
             if left[k] == 0:
