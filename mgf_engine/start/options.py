@@ -172,6 +172,9 @@ class CutOptions:
     """Weights of the minimum cut; a ray to a point on a line weighs 1."""
 
     volume: float = parameter(1e-3, "Reward of volume inside, per px³ of the visual hull")
+    crossed: float = parameter(
+        10.0, "Weight of the rays through a tetrahedron from which on the rest of them takes from that reward"
+    )
     area: float = parameter(0.03, "Cost of a face, per px²")
     flat: float = parameter(0.2, "Factor on that cost on the strongest plane")
     slope: float = parameter(0.25, "Exponent of a plane's strength: its factor is flat / strength^slope")
