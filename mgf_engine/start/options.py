@@ -173,7 +173,7 @@ class CutOptions:
 
     volume: float = parameter(1e-3, "Reward of volume inside, per px³ of the visual hull")
     crossed: float = parameter(
-        10.0, "Weight of the rays through a tetrahedron from which on the rest of them takes from that reward"
+        30.0, "Weight of the rays through a tetrahedron from which on the rest of them takes from that reward"
     )
     area: float = parameter(0.03, "Cost of a face, per px²")
     flat: float = parameter(0.2, "Factor on that cost on the strongest plane")

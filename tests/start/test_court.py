@@ -18,7 +18,7 @@ from mgf_engine.start.views import Silhouettes, StartViews
 PIXEL = 0.01
 WIDTH, HEIGHT, FOCAL = 200, 150, 400.0
 DEPTH = 4.0  # from the cameras to either wall
-LARGE = CutOptions(volume=2e-3)  # as if the court were twice as wide
+LARGE = CutOptions(volume=1.5e-3)  # as if the court were half as wide again
 
 
 def camera(x: float, towards: int) -> View:
