@@ -168,12 +168,11 @@ def _seeds(faces: MeshFaces, o: PlanarOptions) -> list[NDArray[np.int64]]:
     even = np.linalg.norm(mean, axis=1) / np.maximum(area, 1e-12)
     fit = np.flatnonzero((area >= o.seed_area) & (even >= o.seed_even))
     score = (even[fit] - o.seed_even) * np.minimum(area[fit], o.seed_side**2)
-    some = order[np.flatnonzero(new)][fit]  # a face of each
+    bound = np.r_[np.flatnonzero(new), len(order)]
+    some = order[bound[fit]]  # a face of each
     block = morton((local[some] // o.seed_block).astype(np.int64)) * 8 + direction[some]
     best = fit[_by_turns(block, score)]
-    ranked = np.argsort(group, kind="stable")
-    bound = np.r_[0, np.cumsum(np.bincount(group))]
-    return [ranked[bound[g] : bound[g + 1]] for g in best[: o.tries]]
+    return [order[bound[g] : bound[g + 1]] for g in best[: o.tries]]
 
 
 def _by_turns(block: NDArray[np.integer], score: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -72,9 +72,9 @@ def cut_surface(
     free, solid, face = _cast_rays(views, shape, evidence, o)
     check()
     # Where nothing but the hull speaks: in a court that all photos were taken in, rays say that it is free.
-    crossing = np.maximum(face.sum(1) / _ONE - o.crossed, 0)
+    free_space = np.maximum(face.sum(1) / _ONE - o.free_space, 0)
     hull = o.volume * shape.volumes / views.pixel**3 * (1 - outside)
-    sink = solid / _ONE + np.maximum(hull - crossing, 0)
+    sink = solid / _ONE + np.maximum(hull - free_space, 0)
     source = np.where(shut, _SURE, free / _ONE)
     graph = _Graph(shape, face / _ONE, evidence, views.pixel, o)
     first, _ = graph.surface(graph.cut(source, sink))

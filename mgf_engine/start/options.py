@@ -172,8 +172,8 @@ class CutOptions:
     """Weights of the minimum cut; a ray to a point on a line weighs 1."""
 
     volume: float = parameter(1e-3, "Reward of volume inside, per px³ of the visual hull")
-    crossed: float = parameter(
-        30.0, "Weight of the rays through a tetrahedron from which on the rest of them takes from that reward"
+    free_space: float = parameter(
+        30.0, "Weight of the rays through a tetrahedron beyond which they count as free space and reduce that reward"
     )
     area: float = parameter(0.03, "Cost of a face, per px²")
     flat: float = parameter(0.2, "Factor on that cost on the strongest plane")

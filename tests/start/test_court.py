@@ -55,4 +55,4 @@ def test_the_court_is_free() -> None:
 
 
 def test_without_the_rays_its_volume_would_be_filled() -> None:
-    assert shown_share(replace(LARGE, crossed=1e9)) < 0.5
+    assert shown_share(replace(LARGE, free_space=1e9)) < 0.5
