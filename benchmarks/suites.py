@@ -184,7 +184,9 @@ def peers(count: int = PRINTED) -> dict[str, Options]:
     """
     settings: dict[str, Options] = {"ours, paper": paper_setting(count), "ours, standard": {"preset": "standard"}}
     for length in (count, round(count * LONGER / PRINTED)):
-        settings |= {f"{name}, {length} iterations": {**like, "iterations": length} for name, like in LIKE.items()}
+        settings |= {
+            f"{name}, {length} iterations, sparse start": {**like, "iterations": length} for name, like in LIKE.items()
+        }
     for name, like in LIKE.items():
         settings[f"{name}, {count} iterations, dense start"] = {**like, "iterations": count, "start": "dense"}
     return settings

@@ -25,7 +25,7 @@ BOXED = "F1 in the building's box"
 UNKNOWN = "–"
 COLUMNS = (
     "setting", "seeds", "F1 at 5 / 10 / 20 cm", BOXED, "accuracy / completeness at 5 cm", "PSNR", "SSIM", "LPIPS",
-    "Gaussians", "CPU s", "MB",
+    "Gaussians", "CPU s", "MB", "commit",
 )  # fmt: skip
 
 
@@ -68,22 +68,28 @@ def write_table(
 
 def _lines(suite: str, title: str, rows: Sequence[Row], done: list[Row], further: Sequence[str]) -> list[str]:
     lines = [f"## {title[:1].upper()}{title[1:]}", ""]
+    several = len({row.get("commit") for row in done}) > 1
     for scene in dict.fromkeys(row["scene"] for row in done):
         mine = [row for row in done if row["scene"] == scene]
-        lines += [f"### `{Path(scene).name}`", "", *_table(mine), ""]
+        lines += [f"### `{Path(scene).name}`", "", *_table(mine, several), ""]
     failed = dict.fromkeys(f"{r['variant']} on `{Path(r['scene']).name}`: {r['failed']}" for r in rows if "failed" in r)
     lines += [f"Failed: {text}" for text in failed]
     return [*lines, _origin(suite, done, further)]
 
 
-def _table(rows: list[Row]) -> list[str]:
-    """The table of one scene, without what no row knows, and without the box where no mesh is of whole photos."""
+def _table(rows: list[Row], commits: bool) -> list[str]:
+    """The table of one scene, without what no row knows, and without the box where no mesh is of whole photos.
+
+    Args:
+        rows: of the scene.
+        commits: whether each row names its commit, since not all of the suite are of one.
+    """
     boxed = any(r.get("whole_picture") for r in rows) and all("in_box" in r for r in rows)
     names = dict.fromkeys(row["variant"] for row in rows)
     table = [COLUMNS, *(_cells(name, [r for r in rows if r["variant"] == name]) for name in names)]
+    chosen = {BOXED: boxed, "commit": commits}
     kept = [
-        boxed if name == BOXED else any(cells[place] != UNKNOWN for cells in table[1:])
-        for place, name in enumerate(COLUMNS)
+        chosen.get(name, any(cells[place] != UNKNOWN for cells in table[1:])) for place, name in enumerate(COLUMNS)
     ]
     shown = [list(itertools.compress(cells, kept)) for cells in table]
     lines = ["| " + " | ".join(cells) + " |" for cells in shown]
@@ -92,8 +98,7 @@ def _table(rows: list[Row]) -> list[str]:
 
 def _origin(suite: str, done: list[Row], further: Sequence[str]) -> str:
     """Which command, commit and machine the figures are of."""
-    places = dict.fromkeys((r["commit"], r["date"], r["machine"]) for r in done if "commit" in r)
-    measured = "; ".join(f"commit {commit}, {date}, {machine}" for commit, date, machine in places)
+    measured = _measured([row for row in done if "commit" in row])
     options = [row["options"] for row in done if row.get("options")]  # other tools have none
     names = sorted({name for given in options for name in given})
     same = {n: options[0].get(n) for n in names if len({str(given.get(n)) for given in options}) == 1}
@@ -105,6 +110,16 @@ def _origin(suite: str, done: list[Row], further: Sequence[str]) -> str:
     command = " ".join(f"mgf bench {suite} --scenes {scenes} {repeated} {' '.join(further)} {given} {sampled}".split())
     text = f"`{command} --write docs/results.md`: {measured}. Means over the seeds, ± half their spread."
     return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False)
+
+
+def _measured(rows: list[Row]) -> str:
+    """Commit, dates and machines; where commits differ, each row of the table names its own."""
+    commits = dict.fromkeys(row["commit"] for row in rows)
+    days = sorted({row["date"] for row in rows})
+    when = " to ".join(dict.fromkeys([*days[:1], *days[-1:]]))
+    machines = " and ".join(dict.fromkeys(row["machine"] for row in rows))
+    commit = f"commit {next(iter(commits))}" if len(commits) == 1 else "commits as the rows name them"
+    return f"{commit}, {when}, {machines}"
 
 
 def _cells(name: str, rows: list[Row]) -> list[str]:
@@ -120,6 +135,7 @@ def _cells(name: str, rows: list[Row]) -> list[str]:
         name, str(len(rows)), f1, boxed, near, _average(rows, "psnr", "{:.2f}"), _average(rows, "ssim", "{:.3f}"),
         _average(rows, "lpips", "{:.3f}"), _average(rows, "gaussians", "{:,.0f}"),
         _average(rows, "cpu_seconds", "{:.0f}"), _average(rows, "peak_memory", "{:.0f}", 1e-6),
+        ", ".join(dict.fromkeys(str(row["commit"]) for row in rows if "commit" in row)) or UNKNOWN,
     ]  # fmt: skip
 
 

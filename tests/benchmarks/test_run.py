@@ -75,7 +75,7 @@ def test_shorter_runs_of_the_paper_keep_its_ratio_and_leave_ours_alone() -> None
     assert lengths["paper: (e) full"] == 1400 and lengths["paper: (f) 30/7 of the iterations"] == 6000
     assert lengths["ours: (e) full"] == make_config().iterations
     names = {run.variant for run in suite_runs("peers", ["a"], paper_iterations=1400)}
-    assert {"GOF-like, 1400 iterations", "GOF-like, 6000 iterations", "ours, paper"} <= names
+    assert {f"GOF-like, {n} iterations, sparse start" for n in (1400, 6000)} | {"ours, paper"} <= names
     same = [suite_runs("ablation", ["a"], paper_iterations=n)[0].key() for n in (7000, 1400)]
     assert same[0] == suite_runs("ablation", ["a"])[0].key() != same[1]
     shared = [run.key() for run in suite_runs("pareto", ["a"], paper_iterations=1400) if "(a)" in run.variant]

@@ -39,6 +39,19 @@ def test_a_table_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
     assert "mgf bench training --scenes house --seeds 2 --set iterations=9 --set surface=opacity --write" in words
 
 
+def test_rows_of_several_commits_name_their_own(tmp_path: Path) -> None:
+    document = tmp_path / "results.md"
+    document.write_text("")
+    write_table(document, "training", "t", [row("a", 1.0), row("b", 2.0, date="2026-01-03")])
+    assert "| CPU s | MB |" in document.read_text()
+    assert "commit abc1234, 2026-01-01 to 2026-01-03, CPU, 2 cores" in " ".join(document.read_text().split())
+    later = row("b", 2.0, seed=1, commit="def5678")
+    write_table(document, "training", "t", [row("a", 1.0), row("b", 2.0), later])
+    text = document.read_text()
+    assert "| CPU s | MB | commit |" in text and "| 2000 | abc1234 |" in text and "| 2000 | abc1234, def5678 |" in text
+    assert "commits as the rows name them, 2026-01-01, CPU, 2 cores" in " ".join(text.split())
+
+
 def test_the_command_names_samples_that_are_not_the_usual_ones(tmp_path: Path) -> None:
     document = tmp_path / "results.md"
     document.write_text("")
