@@ -40,6 +40,7 @@ RENAMED_OPTIONS = {
     "start_cut.margin": "start_outside.margin",
     "start_lines.outside_views": "start_outside.least_views",
     "start_lines.outside_margin": "start_outside.margin",
+    "planar.seed_block": "planar.seed_coarse",
     "patch_match.most_off": "patch_match.consistency_max_cost",
     "patch_match.held_score": "patch_match.consistency_min_ncc",
 }

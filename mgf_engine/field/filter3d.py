@@ -70,10 +70,10 @@ def finest_sampling(
         for name in ("fx", "fy", "cx", "cy", "width", "height")
     )
     beside = margin * np.maximum(width, height)
-    block = max(1, _TABLE // len(views))
+    chunk = max(1, _TABLE // len(views))
 
     def sampled(index: int) -> NDArray[np.float32]:
-        local = rotations @ points[index * block : (index + 1) * block].T
+        local = rotations @ points[index * chunk : (index + 1) * chunk].T
         local += shifts
         x, y, depth = local.reshape(len(views), 3, -1).transpose(1, 0, 2)
         # In the frame, without dividing: the pixel's distance from the centre of the frame, times depth.
@@ -83,5 +83,5 @@ def finest_sampling(
         rate = np.divide(np.maximum(fx, fy), depth, out=np.zeros_like(depth), where=inside)
         return rate.max(0)
 
-    blocks = range(math.ceil(len(points) / block))
-    return np.concatenate([np.zeros(0, np.float32), *(rate for rate in parallel_map(sampled, blocks, threads))])
+    chunks = range(math.ceil(len(points) / chunk))
+    return np.concatenate([np.zeros(0, np.float32), *(rate for rate in parallel_map(sampled, chunks, threads))])

@@ -17,7 +17,6 @@ from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
 from mgf_engine.masks.geometry.visual_hull import points_to_match
-from mgf_engine.mesh.blocks import TetraBlocks, divide, tetrahedra_begun
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
@@ -32,6 +31,7 @@ from mgf_engine.mesh.planar_clustering import merge_flat, nearest_pixels
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen, voting_views
+from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide, tetrahedra_begun
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField, fuse_gaussians

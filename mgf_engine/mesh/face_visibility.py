@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import corners, seen_faces
-from mgf_engine.mesh.face_clusters import SIZE, Blocks
+from mgf_engine.mesh.face_clusters import CLUSTER_SIZE, FaceClusters
 from mgf_engine.model.masks import IGNORE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
@@ -93,18 +93,18 @@ def count_uncovered(
         views: cameras of the photos.
         labels: as :func:`count_pixels` takes them.
     """
-    blocks, number_of = Blocks.of(mesh.vertices, mesh.faces[left]), np.flatnonzero(left)
+    clusters, number_of = FaceClusters.of(mesh.vertices, mesh.faces[left]), np.flatnonzero(left)
     stays = np.append(left, True)  # the last for pixels that see none
 
     def show(number: int, at: NDArray[np.float64]) -> tuple[NDArray[np.int32], Picture]:
         face = counts.pictures[number].unpacked()
         lost = ~stays[face]
-        near = blocks.touching(views[number], lost)
-        drawn = seen_faces(blocks.faces[near].reshape(-1, 3), views[number], at)
+        near = clusters.touching(views[number], lost)
+        drawn = seen_faces(clusters.faces[near].reshape(-1, 3), views[number], at)
         shown = lost & (drawn >= 0)
-        block, place = np.divmod(drawn[shown], SIZE)
+        cluster, place = np.divmod(drawn[shown], CLUSTER_SIZE)
         behind = np.full_like(face, -1)
-        behind[shown] = number_of[near[block] * SIZE + place]
+        behind[shown] = number_of[near[cluster] * CLUSTER_SIZE + place]
         return behind, Picture.of(np.where(lost, behind, face))
 
     more = _counted(mesh, views, labels, show)

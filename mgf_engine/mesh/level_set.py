@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
-from mgf_engine.mesh.blocks import TetraBlocks, join_blocks
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import fill_holes
@@ -21,6 +20,7 @@ from mgf_engine.mesh.mask_votes import cut_background
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar_clustering import merge_flat
+from mgf_engine.mesh.tetra_blocks import TetraBlocks, join_blocks
 from mgf_engine.mesh.tetrahedra import TetraPoints
 from mgf_engine.mesh.trusted_views import TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField

@@ -32,7 +32,9 @@ class PlanarOptions:
     seed_side: float = parameter(10.0, "Side of the cells in which planes begin", "ground px", low=0.1)
     seed_area: float = parameter(25.0, "Minimum area of the faces of such a cell", "ground px²")
     seed_even: float = parameter(0.95, "Minimum length of the mean normal of such a cell", high=1)
-    seed_block: int = parameter(4, "Number of such cells along a block, of which the best is tried first", low=1)
+    seed_coarse: int = parameter(
+        4, "Number of such cells along a coarse cell; the best of each coarse cell is tried first", low=1
+    )
     tries: int = parameter(400, "Maximum number of cells in which a plane is begun")
     radii: tuple[float, float, float] = parameter(
         (15.0, 40.0, 120.0), "Radii around the beginning in which a plane is fitted, one after the other", "ground px"
@@ -154,7 +156,7 @@ def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
 
 def _seeds(faces: MeshFaces, o: PlanarOptions) -> list[NDArray[np.int64]]:
     """Group the faces by place and direction; return those of each group that a plane may begin in, the best of each
-    block first."""
+    coarse cell first."""
     side = o.seed_side * float(np.median(faces.pixel))
     local = np.floor((faces.centre - faces.centre.min(0)) / side)
     cell = morton(local.astype(np.int64)) if local.max() < 2**20 else morton(cells_of(faces.centre))
@@ -170,20 +172,20 @@ def _seeds(faces: MeshFaces, o: PlanarOptions) -> list[NDArray[np.int64]]:
     score = (even[fit] - o.seed_even) * np.minimum(area[fit], o.seed_side**2)
     bound = np.r_[np.flatnonzero(new), len(order)]
     some = order[bound[fit]]  # a face of each
-    block = morton((local[some] // o.seed_block).astype(np.int64)) * 8 + direction[some]
-    best = fit[_by_turns(block, score)]
+    coarse = morton((local[some] // o.seed_coarse).astype(np.int64)) * 8 + direction[some]
+    best = fit[_by_turns(coarse, score)]
     return [order[bound[g] : bound[g + 1]] for g in best[: o.tries]]
 
 
-def _by_turns(block: NDArray[np.integer], score: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Order by score, [K], the best of each block before the second of any: one even part does not use up all tries.
+def _by_turns(cell: NDArray[np.integer], score: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Order by score, [K], the best of each cell before the second of any: one even part does not use up all tries.
 
     Args:
-        block: of each, [K].
+        cell: coarse cell of each, [K].
         score: of each, [K].
     """
-    ahead = np.lexsort((-score, block))
-    new = np.r_[True, block[ahead][1:] != block[ahead][:-1]][: len(ahead)]
+    ahead = np.lexsort((-score, cell))
+    new = np.r_[True, cell[ahead][1:] != cell[ahead][:-1]][: len(ahead)]
     turn = np.empty(len(ahead), np.int64)
     turn[ahead] = np.arange(len(ahead)) - np.flatnonzero(new)[np.cumsum(new) - 1]
     return np.lexsort((-score, turn))

@@ -21,9 +21,9 @@ from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.texture.bake import barycentric, fill_gutters
-from mgf_engine.texture.charts import BLOCK
+from mgf_engine.texture.charts import JPEG_UNIT
 
-BLOCK_FACES = 5000  # for which charts are made together
+CHUNK_FACES = 5000  # for which charts are made together
 AT_ONCE = 500_000  # pixels looked up together
 
 Array = NDArray[np.float64]
@@ -80,36 +80,36 @@ def _charts(mesh: Mesh, side: int, options: AtlasOptions) -> tuple[Array, int]:
     height."""
     import xatlas
 
-    atlas, blocks = xatlas.Atlas(), _blocks(mesh.vertices[mesh.faces].mean(1))
+    atlas, chunks = xatlas.Atlas(), _chunks(mesh.vertices[mesh.faces].mean(1))
     local = (mesh.vertices - mesh.vertices.mean(0)).astype(np.float32)
-    for rows in blocks:
+    for rows in chunks:
         used, index = np.unique(mesh.faces[rows], return_inverse=True)
         atlas.add_mesh(local[used], index.reshape(-1, 3).astype(np.uint32))
     charts, packing = xatlas.ChartOptions(), xatlas.PackOptions()
     charts.max_iterations = 1
     packing.padding, packing.resolution, packing.bilinear = options.padding, side, True
     atlas.generate(charts, packing)
-    height = max(BLOCK, BLOCK * round(side * atlas.height / max(atlas.width, 1) / BLOCK))
+    height = max(JPEG_UNIT, JPEG_UNIT * round(side * atlas.height / max(atlas.width, 1) / JPEG_UNIT))
     places = np.empty((len(mesh.faces), 3, 2))
-    for number, rows in enumerate(blocks):
+    for number, rows in enumerate(chunks):
         _, corners, uv = atlas.get_mesh(number)
         places[rows] = uv[corners]
     return places, int(height)
 
 
-def _blocks(middles: Array) -> list[NDArray[np.int64]]:
-    """Return the rows of faces in blocks of at most :data:`BLOCK_FACES` that lie together: xatlas gets slow with
+def _chunks(middles: Array) -> list[NDArray[np.int64]]:
+    """Return the rows of faces in chunks of at most :data:`CHUNK_FACES` that lie together: xatlas gets slow with
     many."""
-    left, blocks = [np.arange(len(middles))], list[NDArray[np.int64]]()
+    left, chunks = [np.arange(len(middles))], list[NDArray[np.int64]]()
     while left:
         rows = left.pop()
-        if len(rows) <= BLOCK_FACES:
-            blocks.append(rows)
+        if len(rows) <= CHUNK_FACES:
+            chunks.append(rows)
             continue
         axis = int(np.ptp(middles[rows], axis=0).argmax())
         order = rows[np.argsort(middles[rows, axis], kind="stable")]
         left += [order[: len(order) // 2], order[len(order) // 2 :]]
-    return blocks
+    return chunks
 
 
 def _shrunk(texture: Texture, pixels: int, options: AtlasOptions) -> Texture:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work on many photos or blocks of points at a time, one on each thread."""
+"""Work on many photos or chunks of points at a time, one on each thread."""
 
 from __future__ import annotations
 

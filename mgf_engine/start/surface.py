@@ -14,7 +14,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
-from mgf_engine.start.blocks import cut_in_blocks
+from mgf_engine.start.block_cuts import cut_in_blocks
 from mgf_engine.start.dense import dense_points
 from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.lines import find_lines

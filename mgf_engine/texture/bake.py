@@ -25,7 +25,7 @@ from mgf_engine.texture.painting import Painting
 Array = NDArray[Any]
 Faces = NDArray[np.int32]
 Weights = NDArray[np.float64]
-BLOCK = 1 << 18  # pixels looked up together, which bounds the memory: each takes some 300 bytes meanwhile
+CHUNK = 1 << 18  # pixels looked up together, which bounds the memory: each takes some 300 bytes meanwhile
 
 
 def bake(
@@ -77,25 +77,25 @@ class _Painter:
     def paint(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return colours [N, 3] of pixels [N] (y * width + x) from the photo of view ``index``, or :data:`NO_VIEW`."""
         if index == NO_VIEW:
-            return self._in_blocks(pixels, lambda faces, weight: self._blend(self.mesh.colors, faces, weight))
+            return self._in_chunks(pixels, lambda faces, weight: self._blend(self.mesh.colors, faces, weight))
         view = self.painting.views[index]
         with self._room.photo(view.original_width, view.original_height):
             photo = shrunk(view, self.painting.source(index), self.layout.scale)
-            return self._in_blocks(
+            return self._in_chunks(
                 pixels,
                 lambda faces, weight: sample_photo(view, photo, self._blend(self.mesh.vertices, faces, weight)),
             )
 
-    def _in_blocks(self, pixels: NDArray[np.int64], colors: Callable[[Faces, Weights], Array]) -> NDArray[np.uint8]:
+    def _in_chunks(self, pixels: NDArray[np.int64], colors: Callable[[Faces, Weights], Array]) -> NDArray[np.uint8]:
         """Colour pixels by their faces [n] and their weights between the corners [n, 3, 1], and level the seams."""
         corrections, found = self.painting.corrections, np.empty((len(pixels), 3), np.uint8)
-        for first in range(0, len(pixels), BLOCK):
-            block = slice(first, first + BLOCK)
-            faces = self.face[pixels[block]]
-            at = np.stack([pixels[block] % self.layout.width, pixels[block] // self.layout.width], 1) + 0.5
+        for first in range(0, len(pixels), CHUNK):
+            chunk = slice(first, first + CHUNK)
+            faces = self.face[pixels[chunk]]
+            at = np.stack([pixels[chunk] % self.layout.width, pixels[chunk] // self.layout.width], 1) + 0.5
             weight = barycentric(self.layout.at[faces], at)[..., None]
             painted = colors(faces, weight) + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
-            found[block] = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
+            found[chunk] = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
         return found
 
     def _blend(self, values: Array, faces: Faces, weight: Weights) -> NDArray[np.float64]:

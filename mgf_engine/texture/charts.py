@@ -17,7 +17,7 @@ from mgf_engine.texture.model import NO_VIEW, Layout
 
 CELL = 6  # px; side of the square that a face without photo gets: the least that keeps a colour when filtered
 LEAST_SIDE = 256  # px of the picture
-BLOCK = 16  # px; the picture's height is a multiple, as JPEG stores it
+JPEG_UNIT = 16  # px; the picture's height is a multiple, as JPEG stores it
 _TRIES = 12  # of a bisection: the scale to 1/4096
 
 Array = NDArray[np.float64]
@@ -56,8 +56,8 @@ def lay_out(
 
     def rectangles(scale: float) -> NDArray[np.int64]:
         sizes = np.ceil((high - low) * scale).astype(np.int64) + 2 * options.gutter
-        block = CELL * int(np.ceil(np.sqrt(len(bare))))
-        return np.concatenate([sizes, [[block, block]]]) if len(bare) else sizes
+        square = CELL * int(np.ceil(np.sqrt(len(bare))))
+        return np.concatenate([sizes, [[square, square]]]) if len(bare) else sizes
 
     side, scale = _fit(rectangles, finest, largest_side)
     sizes = rectangles(scale)
@@ -68,7 +68,7 @@ def lay_out(
     if len(bare):
         at[bare] = _cells(len(bare)) + corner[-1]
     height = int((corner + sizes)[:, 1].max(initial=1))
-    return Layout(side, -(-height // BLOCK) * BLOCK, at, scale)
+    return Layout(side, -(-height // JPEG_UNIT) * JPEG_UNIT, at, scale)
 
 
 def _fit(rectangles: Callable[[float], NDArray[np.int64]], finest: float, largest: int) -> tuple[int, float]:

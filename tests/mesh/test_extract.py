@@ -14,7 +14,7 @@ from support.mesh_stage import mesh_options, reporter
 from mgf_engine import memory
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.geometry import block_store
-from mgf_engine.mesh import blocks
+from mgf_engine.mesh import tetra_blocks
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.model.gaussians import Gaussians
@@ -88,8 +88,8 @@ def test_a_stopped_job_goes_on_at_the_block_it_had_reached(monkeypatch, tmp_path
     with pytest.raises(Cancelled):
         extract_mesh(sphere(300), scene, masks, options, stopped)
     assert len(list((tmp_path / "blocks").iterdir())) == 2
-    begun = blocks.begun
-    monkeypatch.setattr(blocks, "begun", lambda *points: made.append(len(points[0])) or begun(*points))
+    begun = tetra_blocks.begun
+    monkeypatch.setattr(tetra_blocks, "begun", lambda *points: made.append(len(points[0])) or begun(*points))
     again = extract_mesh(sphere(300), scene, masks, options, reporter())
     assert len(made) == 3  # the first, which begins beside the depth maps, and those that were left
     assert np.array_equal(again.vertices, whole.vertices) and np.array_equal(again.faces, whole.faces)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.mesh.blocks import TetraBlocks
 from mgf_engine.mesh.isosurface import FREE, SOLID
 from mgf_engine.mesh.level_set import Reporting, extract_level_set
+from mgf_engine.mesh.tetra_blocks import TetraBlocks
 from mgf_engine.mesh.tetrahedra import TetraPoints
 
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

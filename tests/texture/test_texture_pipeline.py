@@ -169,10 +169,10 @@ def test_a_picture_of_the_textured_mesh_is_the_photo(house: House, scene: Scene)
         assert seen.mean() > 0.05 and error < 10 and (picture[~seen] == 255).all()
 
 
-def test_pixels_looked_up_in_many_blocks_are_the_same(house: House, scene: Scene, monkeypatch) -> None:
+def test_pixels_looked_up_in_many_chunks_are_the_same(house: House, scene: Scene, monkeypatch) -> None:
     mesh, masks = in_frame(scene, house.mesh), masks_of(scene, house)
     whole = make_texture(mesh, scene, masks, 512, lambda text: None)
-    monkeypatch.setattr(bake, "BLOCK", 97)
+    monkeypatch.setattr(bake, "CHUNK", 97)
     assert (make_texture(mesh, scene, masks, 512, lambda text: None).image == whole.image).all()
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.geometry.blocks import BlockGrid, make_grid, with_borders
+from mgf_engine.geometry.block_grid import BlockGrid, make_grid, with_borders
 from mgf_engine.geometry.delaunay import begun
 
 FACES = ([1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2])

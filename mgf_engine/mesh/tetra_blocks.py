@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tetrahedra of the mesh, block after block: those of a large building need more memory than anything else.
 
-Points on the borders are shared by the blocks at both sides, see :mod:`mgf_engine.geometry.blocks`, so that the level
-set goes on across a border without a seam: the same edges cross it in the same places.
+Points on the borders are shared by the blocks at both sides, see :mod:`mgf_engine.geometry.block_grid`, so that the
+level set goes on across a border without a seam: the same edges cross it in the same places.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.block_grid import WHOLE, BlockGrid, make_grid, with_borders
 from mgf_engine.geometry.block_store import BlockStore
-from mgf_engine.geometry.blocks import WHOLE, BlockGrid, make_grid, with_borders
 from mgf_engine.geometry.delaunay import begun, spans_volume
 from mgf_engine.mesh.tetrahedra import TetraPoints
 from mgf_engine.model.mesh import Mesh

@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.block_grid import make_grid
 from mgf_engine.geometry.block_store import BlockStore
-from mgf_engine.geometry.blocks import make_grid
 from mgf_engine.geometry.clip import clip
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.start.cut import cut_surface

@@ -15,8 +15,8 @@ from mgf_engine import memory
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.start import blocks
-from mgf_engine.start.blocks import clipped, thinned
+from mgf_engine.start import block_cuts
+from mgf_engine.start.block_cuts import clipped, thinned
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions, StartOptions
 from mgf_engine.start.surface import StartSurface, start_surface
@@ -58,12 +58,12 @@ def test_each_cut_sees_the_rest_of_the_building_coarsely(plain_house: PlainHouse
         counts.append(len(evidence.points))
         return whole_cut(views, evidence, options, check)
 
-    whole_cut = blocks.cut_surface
-    monkeypatch.setattr(blocks, "cut_surface", cut)
+    whole_cut = block_cuts.cut_surface
+    monkeypatch.setattr(block_cuts, "cut_surface", cut)
     options = replace(StartOptions(), cut=replace(CutOptions(), blocks=4, margin=10.0, coarse=30.0))
     start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
     options = replace(StartOptions(), cut=CutOptions())
-    monkeypatch.setattr("mgf_engine.start.blocks.make_grid", None)  # one block makes none
+    monkeypatch.setattr("mgf_engine.start.block_cuts.make_grid", None)  # one block makes none
     start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
     assert len(counts) == 5 and max(counts[:4]) < 0.6 * counts[4]
 
@@ -95,8 +95,8 @@ def test_blocks_that_are_done_are_not_cut_again(plain_house: PlainHouse, monkeyp
     first = surface(plain_house, 2)
     (tmp_path / "blocks").joinpath(sorted(p.name for p in (tmp_path / "blocks").iterdir())[1]).unlink()
     cuts: list[int] = []
-    whole_cut = blocks.cut_surface
-    monkeypatch.setattr(blocks, "cut_surface", lambda *given: cuts.append(1) or whole_cut(*given))
+    whole_cut = block_cuts.cut_surface
+    monkeypatch.setattr(block_cuts, "cut_surface", lambda *given: cuts.append(1) or whole_cut(*given))
     again = surface(plain_house, 2)
     assert len(cuts) == 1
     assert np.array_equal(again.mesh.vertices, first.mesh.vertices) and np.array_equal(again.sure, first.sure)
