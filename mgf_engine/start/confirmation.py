@@ -18,7 +18,7 @@ from mgf_engine.scene.depths import Depths
 from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
 
-_BLOCK = 1 << 15  # points whose neighbours are looked at together, which bounds the memory
+_CHUNK = 1 << 15  # points whose neighbours are looked at together, which bounds the memory
 
 
 def confirmed_share(
@@ -61,8 +61,8 @@ def confirmed_share(
 def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.float64]:
     """Compute unit normals of points [N, 3] by principal components of their neighbours, of either sign, [N, 3]."""
     tree, parts = cKDTree(points), [np.zeros((0, 3))]
-    for begin in range(0, len(points), _BLOCK):
-        near = tree.query(points[begin : begin + _BLOCK], min(neighbours, len(points)))[1]
+    for begin in range(0, len(points), _CHUNK):
+        near = tree.query(points[begin : begin + _CHUNK], min(neighbours, len(points)))[1]
         parts.append(principal_normals(points, near.reshape(len(near), -1)))
     return np.concatenate(parts)
 

@@ -37,7 +37,7 @@ log = logging.getLogger("mgf")
 _ONE = 1024.0  # the kernels' sums are whole numbers
 _SURE = 1e9  # capacity that nothing exceeds
 _SAMPLES = np.array([[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)])  # barycentric, places where the masks are asked
-_BLOCK = 1 << 17  # tetrahedra whose faces are looked at together, which bounds the memory
+_CHUNK = 1 << 17  # tetrahedra whose faces are looked at together, which bounds the memory
 
 Array = NDArray[np.float64]
 
@@ -95,11 +95,11 @@ def _box(low: Array, high: Array, padding: float) -> Array:
 def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array:
     """Compute the share of each tetrahedron outside of the visual hull, [T]."""
     share = np.zeros(len(shape.corners))
-    for begin in range(0, len(share), _BLOCK):
-        block = slice(begin, begin + _BLOCK)
-        corners = shape.points[shape.corners[block]]
+    for begin in range(0, len(share), _CHUNK):
+        chunk = slice(begin, begin + _CHUNK)
+        corners = shape.points[shape.corners[chunk]]
         for row in _SAMPLES:
-            share[block] += views.is_outside(row @ corners, o.outside)
+            share[chunk] += views.is_outside(row @ corners, o.outside)
     return share / len(_SAMPLES)
 
 
@@ -142,8 +142,8 @@ class _Graph:
 
     def __init__(self, shape: Tetrahedra, rays: Array, evidence: Evidence, pixel: float, o: CutOptions) -> None:
         self.points = shape.points
-        blocks = [_faces_between(shape, rays, begin) for begin in range(0, len(shape.corners), _BLOCK)]
-        self.cell, self.other, self.faces, area, there, back = map(np.concatenate, zip(*blocks, strict=True))
+        chunks = [_faces_between(shape, rays, begin) for begin in range(0, len(shape.corners), _CHUNK)]
+        self.cell, self.other, self.faces, area, there, back = map(np.concatenate, zip(*chunks, strict=True))
         faces, area = self.faces, area / pixel**2
         self.strength = _strongest_plane(evidence, faces, len(self.points))
         with np.errstate(divide="ignore"):
@@ -199,13 +199,13 @@ def _strongest_plane(evidence: Evidence, faces: NDArray[np.int32], points: int) 
 
 
 def _faces_between(shape: Tetrahedra, rays: Array, begin: int) -> tuple[NDArray[Any], ...]:
-    """List the faces from ``_BLOCK`` tetrahedra to those with higher numbers.
+    """List the faces from ``_CHUNK`` tetrahedra to those with higher numbers.
 
     Returns:
         Numbers of both tetrahedra [F], corners [F, 3], area [F], and the weights of the rays that leave the first and
         the second one, [F] each.
     """
-    neighbours = shape.neighbours[begin : begin + _BLOCK]
+    neighbours = shape.neighbours[begin : begin + _CHUNK]
     cell, k = np.nonzero(neighbours > np.arange(begin, begin + len(neighbours))[:, None])
     other, cell = neighbours[cell, k], cell + begin
     back = np.argmax(shape.neighbours[other] == cell[:, None], 1)

@@ -16,7 +16,7 @@ from mgf_engine.start.options import PlaneOptions
 
 _MOST_PAIRED = 1500  # longest lines that pairs are made of: they are quadratic in memory
 _DIRECTION_ROUNDS = 5  # in which a dominant direction settles
-_BLOCK = 1 << 16  # points that are held against all planes together, which bounds the memory
+_CHUNK = 1 << 16  # points that are held against all planes together, which bounds the memory
 
 
 @dataclass(frozen=True)
@@ -236,8 +236,8 @@ def snap_to_planes(
         The points [N, 3] and which planes each lies on, bool [N, K].
     """
     parts = [
-        _snap(points[begin : begin + _BLOCK], planes, near[begin : begin + _BLOCK], o)
-        for begin in range(0, max(len(points), 1), _BLOCK)
+        _snap(points[begin : begin + _CHUNK], planes, near[begin : begin + _CHUNK], o)
+        for begin in range(0, max(len(points), 1), _CHUNK)
     ]
     return np.concatenate([moved for moved, _ in parts]), np.concatenate([on for _, on in parts])
 

@@ -17,7 +17,7 @@ from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 
-_BLOCK = 1 << 16  # samples that are placed together, which bounds the memory
+_CHUNK = 1 << 16  # samples that are placed together, which bounds the memory
 _BATCH = 1 << 20  # samples that are thinned out together: pairs of neighbours take much memory
 
 
@@ -109,8 +109,8 @@ def sample_poisson_disk(
     root, v = generator.random((2, count))
     np.sqrt(root, out=root)
     points = np.empty((count, 3))
-    for begin in range(0, count, _BLOCK):
-        part = slice(begin, begin + _BLOCK)
+    for begin in range(0, count, _CHUNK):
+        part = slice(begin, begin + _CHUNK)
         weights = np.stack([1 - root[part], root[part] * (1 - v[part]), root[part] * v[part]], 1)
         points[part] = np.einsum("nk,nkj->nj", weights, mesh.vertices[mesh.faces[face[part]]])
     kept = poisson_disk_subset(points, options.disk * spacing)
