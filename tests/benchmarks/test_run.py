@@ -20,7 +20,7 @@ from benchmarks.job_scores import held_out_scores, mean_mask_iou
 from benchmarks.measure import _source, prepare_scene
 from benchmarks.run import bench_main
 from benchmarks.shapes import true_mesh
-from benchmarks.suites import ABLATION, OURS, SUITES, SWITCHES, paper_setting, peers, suite_runs
+from benchmarks.suites import ABLATION, OURS, PARTS_OF_OURS, SUITES, SWITCHES, paper_setting, peers, suite_runs
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model
@@ -60,10 +60,13 @@ def test_every_option_of_every_suite_exists() -> None:
             make_config(run.options)
     for suite, start in {"ablation": paper_setting(), "ablation-ours": OURS}.items():
         changed = {run.variant.partition(": ")[2]: run for run in suite_runs(suite)}
-        assert set(ABLATION) <= set(changed)
-        for what, options in ABLATION.items():  # one thing at a time, from the setting's own values
+        parts = {**ABLATION, **(PARTS_OF_OURS if suite == "ablation" else {})}
+        assert set(parts) <= set(changed)
+        for what, options in parts.items():  # one thing at a time, from the setting's own values
             full, one = (as_dict(make_config(o)) for o in (start, changed[what].options))
             assert {k for k in full if full[k] != one[k]} == set(options)
+    for options in PARTS_OF_OURS.values():  # each as it is by default
+        assert all(getattr(make_config(), name) == value for name, value in options.items())
     assert set(SWITCHES) <= {run.variant for run in suite_runs("switches")}
     assert set(peers()) == {run.variant for run in suite_runs("peers")}
 
