@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What placed the surface of a mesh, in three sentences for the report's first page."""
+"""What placed the surface of a mesh, in a few sentences for the report's first page."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _STARTS = {
 
 
 def placing(config: Config, iterations: int) -> list[str]:
-    """Return three sentences: where it started, what the field decides, and what places it in the end.
+    """Tell where it started, what the field decides, and what places it in the end; each a sentence or two.
 
     Args:
         iterations: of training.
@@ -27,18 +27,22 @@ def _field(config: Config, iterations: int) -> str:
     field = f"The Gaussian field, trained for {iterations:,} iterations," if iterations else "The field, not trained,"
     if config.surface == "opacity":
         return f"{field} is the surface: solid is what no photo sees through, down to a level of opacity (eq. 23-26)."
+    if not iterations:
+        return "The field is not trained: its Gaussians, placed there, give each photo a depth map; all are fused into one."
     return f"{field} gives each photo a depth map, sees past bars and railings, and all depth maps are fused into one."
 
 
 def _photos(config: Config, start: str) -> str:
+    planes = " In the end nearly flat parts are projected onto their planes." if config.flatten else ""
     if not config.match_photos:
-        return "No photo is compared with another after the training: the surface is as accurate as the field."
+        return f"No photo is compared with another after the training: the surface is as accurate as the field.{planes}"
     again = f", and {_times(config.refine_rounds)} on the finished mesh" if config.refine_rounds else ""
-    kept = "the field's depth or the starting surface stays" if start == "surface" else "the field's depth stays"
+    choose = "choose at each pixel between the field and that surface, and " if start == "surface" else ""
+    kept = "the starting surface stays" if start == "surface" else "the field's depth stays"
     moved = "each depth" if config.surface == "fused" else "the surface"
     return (
-        f"Patches of neighbouring photos then move {moved} by at most two pixels of parallax to where they correlate "
-        f"best{again}; this decides the last fraction of a pixel, and where nothing correlates {kept}."
+        f"Patches of neighbouring photos then {choose}move {moved} by at most two pixels of parallax to where they "
+        f"correlate best{again}. This decides the last fraction of a pixel; where nothing correlates, {kept}.{planes}"
     )
 
 

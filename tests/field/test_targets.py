@@ -57,6 +57,12 @@ def test_no_highlighted_pixel_lies_on_background() -> None:
     assert (weight[outline] == 10).all() and (weight[12:15, 22] == 10).all()
 
 
+def test_weights_follow_equation_12() -> None:
+    """Ten on both sides of a boundary of the building, also before what hides it; one inside, nothing outside."""
+    rows = np.tile(np.array([[BACKGROUND, 1, 1, 1, 2, IGNORE]], np.uint8), (4, 1))
+    assert (target(rows, margin=0.0).pixels().edge_weight.numpy() == [0, 10, 1, 10, 10, 0]).all()
+
+
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 def test_the_masks_of_equation_19_are_the_building_and_its_elements(margin) -> None:
     made = target(labels(), margin=margin)
