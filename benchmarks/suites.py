@@ -158,6 +158,8 @@ def suite_runs(
     if suite not in SUITES:
         raise BadInput(f"There is no suite '{suite}'; take one of {', '.join(SUITES)}.")
     base = dict(base or {})
+    if suite == "resolution":
+        base.pop("resolution", None)  # which the suite changes
     if suite == "smoke":
         small = {"preset": "draft", "iterations": 200, "max_gaussians": 8000}
         variants = [Run("smoke", "", {**small, **base})]
@@ -225,7 +227,8 @@ def _variants(suite: str, base: Options, commands: dict[str, str], count: int) -
         return [_trained(count, steps) for count in TRAINED for steps in ("off", "on")]
     if suite == "resolution":
         settings = {"paper's setting": paper, "standard": {"preset": "standard"}}
-        return [Run(f"{name}, {n} px", "", {**setting, "resolution": n}, group=name)
+        own = Config().resolution
+        return [Run(f"{name}, {n} px", "", setting if n == own else {**setting, "resolution": n}, group=name)
                 for name, setting in settings.items() for n in (375, 750, 1500)]  # fmt: skip
     if suite == "peers":
         return [*(Run(name, "", options, group=name) for name, options in peers(count).items()), *tools]

@@ -96,6 +96,14 @@ def test_runs_are_scenes_times_variants_times_seeds_with_distinct_keys() -> None
         suite_runs("resolution", only=["9000"])
 
 
+def test_a_setting_at_its_own_resolution_is_the_run_of_the_other_suites() -> None:
+    known = {run.variant: run.key() for run in suite_runs("pareto", ["a"])}
+    found = {run.variant: run for run in suite_runs("resolution", ["a"], base={"resolution": 100})}
+    assert found["paper's setting, 750 px"].key() == known["preset paper"]
+    assert found["standard, 750 px"].key() == known["preset standard"]
+    assert found["standard, 375 px"].options["resolution"] == 375
+
+
 @pytest.mark.parametrize(("poses", "photos"), [("sfm", 4), ("true", 6)])
 def test_runs_see_the_wanted_cameras_alone(scene: Path, tmp_path: Path, poses: str, photos: int) -> None:
     found = pycolmap.Reconstruction(scene / "sparse_truth")
