@@ -88,9 +88,7 @@ def _table(rows: list[Row], commits: bool) -> list[str]:
     names = dict.fromkeys(row["variant"] for row in rows)
     table = [COLUMNS, *(_cells(name, [r for r in rows if r["variant"] == name]) for name in names)]
     chosen = {BOXED: boxed, "commit": commits}
-    kept = [
-        chosen.get(name, any(cells[place] != UNKNOWN for cells in table[1:])) for place, name in enumerate(COLUMNS)
-    ]
+    kept = [chosen.get(name, any(cells[place] != UNKNOWN for cells in table[1:])) for place, name in enumerate(COLUMNS)]
     shown = [list(itertools.compress(cells, kept)) for cells in table]
     lines = ["| " + " | ".join(cells) + " |" for cells in shown]
     return [lines[0], "|---" * len(shown[0]) + "|", *lines[1:]]

@@ -36,7 +36,7 @@ ITEMS_PER_PIECE = {
     "mgf_adam": 2048, "mgf_project": 256, "mgf_project_backward": 256, "mgf_locate_points": 4096,
     "mgf_integrate_depths": 2048, "mgf_match_photos": 64, "mgf_project_vertices": 8192, "mgf_open_edges": 4096,
     "mgf_patch_match": 64, "mgf_vertex_fans": 4096, "mgf_smooth_vertices": 4096, "mgf_smooth_points": 512,
-    "mgf_vertex_normals": 4096,
+    "mgf_vertex_normals": 4096, "mgf_tetra_neighbours": 4096,
 }  # fmt: skip
 
 S = TypeVar("S")

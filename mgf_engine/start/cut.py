@@ -9,35 +9,28 @@ uncovered then pull what lies on their rays inside, and the cut is made again.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from collections.abc import Callable
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
 from mgf_engine.geometry.delaunay import begun
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.masks import building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import parallel
+from mgf_engine.start.cut_graph import ONE, CutGraph, check_maxflow
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions
 from mgf_engine.start.segments import pixel_rays
-from mgf_engine.start.tetrahedra import FACE_CORNERS, Tetrahedra, orient_positive
+from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
 from mgf_engine.start.views import StartViews
 
-with contextlib.suppress(ModuleNotFoundError):  # no wheel for Linux on ARM
-    import maxflow
-
 log = logging.getLogger("mgf")
-_ONE = 1024.0  # the kernels' sums are whole numbers
 _SURE = 1e9  # capacity that nothing exceeds
 _SAMPLES = np.array([[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)])  # barycentric, places where the masks are asked
-_CHUNK = 1 << 17  # tetrahedra whose faces are looked at together, which bounds the memory
 
 Array = NDArray[np.float64]
 
@@ -60,8 +53,7 @@ def cut_surface(
         BadInput: PyMaxflow is not installed.
         Cancelled: the user asked to stop.
     """
-    if "maxflow" not in globals():
-        raise BadInput("PyMaxflow is not installed; run 'pip install PyMaxflow', or choose the start 'dense'.")
+    check_maxflow()
     low, high = evidence.points.min(0), evidence.points.max(0)
     padding = o.padding * float((high - low).max())
     points = np.concatenate([evidence.points, _box(low, high, padding)])
@@ -71,18 +63,25 @@ def cut_surface(
     shut = (outside > o.outside_share) | (shape.corners >= len(evidence.points)).any(1)
     free, solid, face = _cast_rays(views, shape, evidence, o)
     check()
-    # Where nothing but the hull speaks: in a court that all photos were taken in, rays say that it is free.
-    free_space = np.maximum(face.sum(1) / _ONE - o.free_space, 0)
-    hull = o.volume * shape.volumes / views.pixel**3 * (1 - outside)
-    sink = solid / _ONE + np.maximum(hull - free_space, 0)
-    source = np.where(shut, _SURE, free / _ONE)
-    graph = _Graph(shape, face / _ONE, evidence, views.pixel, o)
-    first, _ = graph.surface(graph.cut(source, sink))
+    sink = np.empty(len(shut))
+    for chunk in shape.chunks():
+        # Where nothing but the hull speaks: in a court that all photos were taken in, rays say that it is free.
+        free_space = np.maximum(face[chunk].sum(1) / ONE - o.free_space, 0)
+        hull = o.volume * shape.volumes(chunk) / views.pixel**3 * (1 - outside[chunk])
+        sink[chunk] = solid[chunk] / ONE + np.maximum(hull - free_space, 0)
+    source = np.where(shut, _SURE, free / ONE)
+    del outside, free, solid
+    graph = CutGraph(shape, face, evidence, views.pixel, o)
+    del face
+    graph.add(source, sink)
+    del source, sink
+    first, _ = graph.surface(graph.cut())
     check()
     margin = 0.1 * padding
     pulled = _pull_uncovered(views, shape, shut, first, (low - margin, high + margin), o)
-    inside = graph.cut(np.zeros(len(sink)), pulled / _ONE)
-    log.info("start: %d points, %d tetrahedra, %d inside", len(points), len(sink), inside.sum())
+    graph.add(np.zeros(len(pulled)), pulled / ONE)
+    inside = graph.cut()
+    log.info("start: %d points, %d tetrahedra, %d inside", len(points), len(inside), inside.sum())
     return graph.surface(inside)
 
 
@@ -95,8 +94,7 @@ def _box(low: Array, high: Array, padding: float) -> Array:
 def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array:
     """Compute the share of each tetrahedron outside of the visual hull, [T]."""
     share = np.zeros(len(shape.corners))
-    for begin in range(0, len(share), _CHUNK):
-        chunk = slice(begin, begin + _CHUNK)
+    for chunk in shape.chunks():
         corners = shape.points[shape.corners[chunk]]
         for row in _SAMPLES:
             share[chunk] += views.is_outside(row @ corners, o.outside)
@@ -109,7 +107,7 @@ def _cast_rays(
     """Cast the points' rays (kernel ``mgf_cast_rays``).
 
     Returns:
-        Weights in units of 1 / ``_ONE``: of the tetrahedra with a view [T], of those behind a point [T], and of the
+        Weights in units of 1 / ``ONE``: of the tetrahedra with a view [T], of those behind a point [T], and of the
         rays that leave through each face [T, 4].
     """
     point = np.repeat(np.arange(len(evidence.points), dtype=np.int32), [len(s) for s in evidence.seen])
@@ -118,10 +116,11 @@ def _cast_rays(
     behind = (o.behind * weight * _well_inside(views, evidence.points[point], view, o.well_inside)).astype(np.float32)
     free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
     face = np.zeros((len(shape.corners), 4), np.int32)
-    parallel(
-        "mgf_cast_rays", len(point), shape.reference, point, view, views.centres, weight, behind,
-        float(o.soft * views.pixel), float(o.depth * views.pixel), free, solid, face,
-    )  # fmt: skip
+    with shape.walkable() as table:
+        parallel(
+            "mgf_cast_rays", len(point), table, point, view, views.centres, weight, behind,
+            float(o.soft * views.pixel), float(o.depth * views.pixel), free, solid, face,
+        )  # fmt: skip
     return free, solid, face
 
 
@@ -135,84 +134,6 @@ def _well_inside(views: StartViews, points: Array, number: NDArray[np.int32], ma
         column, row = np.clip(uv, 0, [view.width - 1, view.height - 1]).astype(int).T
         result[rows] = into[row, column] > margin
     return result
-
-
-class _Graph:
-    """The graph of the cut: tetrahedra, and the faces between them with what they cost in either direction."""
-
-    def __init__(self, shape: Tetrahedra, rays: Array, evidence: Evidence, pixel: float, o: CutOptions) -> None:
-        self.points = shape.points
-        chunks = [_faces_between(shape, rays, begin) for begin in range(0, len(shape.corners), _CHUNK)]
-        self.cell, self.other, self.faces, area, there, back = map(np.concatenate, zip(*chunks, strict=True))
-        faces, area = self.faces, area / pixel**2
-        self.strength = _strongest_plane(evidence, faces, len(self.points))
-        with np.errstate(divide="ignore"):
-            factor = np.minimum(1.0, o.flat / self.strength**o.slope)
-        cost = o.area * area * factor
-        self.graph = maxflow.Graph[float](len(shape.corners), len(self.cell))
-        self.graph.add_nodes(len(shape.corners))
-        self.graph.add_edges(self.cell, self.other, there + cost, back + cost)
-
-    def cut(self, source: Array, sink: Array) -> NDArray[np.bool_]:
-        """Add capacities [T] from outside and to inside, and find the inside tetrahedra by the minimum cut, bool [T].
-
-        The flow of an earlier cut stays valid, so that a second one only adds what the added capacities let through.
-        """
-        every = np.arange(len(source))
-        self.graph.add_grid_tedges(every, source, sink)
-        self.graph.maxflow()
-        return np.asarray(self.graph.get_grid_segments(every))
-
-    def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.float32]]:
-        """Return the faces between inside and outside, outward, and the strength of the plane each lies on [F]."""
-        cut = inside[self.cell] != inside[self.other]
-        faces = self.faces[cut]
-        turned = inside[self.other[cut]]
-        faces[turned] = faces[turned][:, ::-1]
-        kept, index = np.unique(faces, return_inverse=True)
-        colors = np.zeros((len(kept), 3), np.uint8)
-        return Mesh(self.points[kept], index.reshape(-1, 3).astype(np.int32), colors), self.strength[cut].astype(
-            np.float32
-        )
-
-
-def _strongest_plane(evidence: Evidence, faces: NDArray[np.int32], points: int) -> Array:
-    """Find the strength of the strongest plane that all three corners of each face lie on, 0 for none, [F].
-
-    Args:
-        evidence: planes of the first points, and their strength.
-        faces: corners [F, 3].
-        points: number of points, those of the box around the evidence included.
-    """
-    if not len(evidence.strength):
-        return np.zeros(len(faces))
-    order = np.argsort(-evidence.strength, kind="stable")
-    by_rank = np.r_[evidence.strength[order], 0.0]
-    on = np.packbits(evidence.on_planes[:, order], axis=1)
-    on = np.pad(on, ((0, points - len(on)), (0, 0)))
-    common = on[faces[:, 0]] & on[faces[:, 1]] & on[faces[:, 2]]
-    rows = np.flatnonzero(common.any(1))
-    byte = (common[rows] != 0).argmax(1)
-    rank = np.full(len(faces), len(order))
-    rank[rows] = 8 * byte + np.unpackbits(common[rows, byte][:, None], axis=1).argmax(1)
-    return by_rank[rank]
-
-
-def _faces_between(shape: Tetrahedra, rays: Array, begin: int) -> tuple[NDArray[Any], ...]:
-    """List the faces from ``_CHUNK`` tetrahedra to those with higher numbers.
-
-    Returns:
-        Numbers of both tetrahedra [F], corners [F, 3], area [F], and the weights of the rays that leave the first and
-        the second one, [F] each.
-    """
-    neighbours = shape.neighbours[begin : begin + _CHUNK]
-    cell, k = np.nonzero(neighbours > np.arange(begin, begin + len(neighbours))[:, None])
-    other, cell = neighbours[cell, k], cell + begin
-    back = np.argmax(shape.neighbours[other] == cell[:, None], 1)
-    faces = np.take_along_axis(shape.corners[cell], FACE_CORNERS[k], 1)
-    a, b, c = (shape.points[faces[:, n]] for n in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    return cell.astype(np.int32), other, faces.astype(np.int32), area, rays[cell, k], rays[other, back]
 
 
 def _pull_uncovered(
@@ -229,32 +150,41 @@ def _pull_uncovered(
         o: weights.
 
     Returns:
-        int32 [T], in units of 1 / ``_ONE``.
+        int32 [T], in units of 1 / ``ONE``.
     """
-    origin, direction = _uncovered(views, mesh)
-    begin = _entry(origin, direction, *box)
-    hit = np.isfinite(begin)
-    origin = np.ascontiguousarray(origin[hit] + begin[hit, None] * direction[hit])
-    direction = np.ascontiguousarray(direction[hit])
+    origin, direction = _uncovered(views, mesh, box)
     pulled = np.zeros(len(shut), np.int32)
-    parallel(
-        "mgf_pull_rays", len(origin), shape.reference, origin, direction, shut.astype(np.uint8), float(o.cover),
-        float(o.short * views.pixel), pulled,
-    )  # fmt: skip
+    with shape.walkable() as table:
+        parallel(
+            "mgf_pull_rays", len(origin), table, origin, direction, shut.astype(np.uint8), float(o.cover),
+            float(o.short * views.pixel), pulled,
+        )  # fmt: skip
     log.info("start: %d mask pixels uncovered at first", len(origin))
     return pulled
 
 
-def _uncovered(views: StartViews, mesh: Mesh) -> tuple[Array, Array]:
-    """Return camera centres and directions [M, 3] of mask pixels that the surface does not cover."""
-    centres, rays = [np.zeros((0, 3))], [np.zeros((0, 3))]
+def _uncovered(views: StartViews, mesh: Mesh, box: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Find the rays of mask pixels that the surface does not cover.
+
+    Args:
+        views: cameras and masks.
+        mesh: the surface.
+        box: low and high corner [3]; rays that miss it are left out.
+
+    Returns:
+        where they enter the box, and their directions, [M, 3] each.
+    """
+    starts, directions = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for n, view in enumerate(views.views):
         wanted = cv2.erode(building(views.labels[n]).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         row, column = np.nonzero(wanted & (render_mesh(mesh, view).face < 0))
         found = pixel_rays(views, np.full(len(row), n), np.c_[column + 0.5, row + 0.5])
-        rays.append(found)
-        centres.append(np.broadcast_to(views.centres[n], found.shape))
-    return np.concatenate(centres), np.concatenate(rays)
+        centre = np.broadcast_to(views.centres[n], found.shape)
+        begin = _entry(centre, found, *box)
+        hit = np.isfinite(begin)
+        starts.append(centre[hit] + begin[hit, None] * found[hit])
+        directions.append(found[hit])
+    return np.concatenate(starts), np.concatenate(directions)
 
 
 def _entry(origin: Array, direction: Array, low: Array, high: Array) -> Array:

@@ -120,7 +120,7 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
     length = float(np.linalg.norm(d))
     d = d / length
     spans = []
-    for cell, planes in enumerate(shape.planes):
+    for cell, planes in enumerate(shape.planes()):
         slope, off = planes[:, :3] @ d, planes[:, :3] @ origin + planes[:, 3]
         off[shape.corners[cell] != point] *= np.abs(off[shape.corners[cell] != point]) > 1e-12
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -205,3 +205,22 @@ def snap_to_planes(points: Array, planes: Array, near: Array, o: PlaneOptions) -
             move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=o.common_rank)[0]
             out[n] += move if np.linalg.norm(move) < o.longest_move * near[n] else 0
     return out
+
+
+def around(shape: Tetrahedra, point: int) -> NDArray[np.int64]:
+    """Return the tetrahedra around a point, ascending."""
+    return np.flatnonzero((shape.corners == point).any(1))
+
+
+def face_neighbours(corners: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Find the tetrahedron beyond each face of tetrahedra [T, 4], opposite of a corner; -1 for none, [T, 4]."""
+    holders: dict[tuple[int, ...], list[tuple[int, int]]] = {}
+    for cell, four in enumerate(corners.tolist()):
+        for k in range(4):
+            holders.setdefault(tuple(sorted(four[:k] + four[k + 1 :])), []).append((cell, k))
+    result = np.full(corners.shape, -1, np.int32)
+    for sides in holders.values():
+        if len(sides) == 2:
+            (first, k), (second, q) = sides
+            result[first, k], result[second, q] = second, first
+    return result

@@ -21,7 +21,7 @@ from mgf_engine.start.lines import find_lines
 from mgf_engine.start.options import StartOptions
 from mgf_engine.start.segments import find_segments
 from mgf_engine.start.views import start_views
-from mgf_engine.system import cores
+from mgf_engine.system import cores, release_memory
 from mgf_engine.timing import PartTimes
 
 
@@ -69,17 +69,23 @@ def start_surface(
         Cancelled: the user asked to stop.
     """
     threads, times = threads or cores(), times or PartTimes()
+
+    def between() -> None:
+        reporter.check()
+        release_memory()  # what a step needed no longer
+
     with times.part("views"):
         views = start_views(scene, masks, indices, options.views)
-    reporter.check()
+    between()
     with times.part("lines"):
         lines = find_lines(find_segments(views, options.segments, threads))
-    reporter.check()
+    between()
     with times.part("dense"):
         dense = dense_points(views, masks, options.dense, options.smoothing, threads, reporter.check)
+    between()
     with times.part("planes"):
         evidence = gather_evidence(views, lines, dense, options)
-    reporter.check()
+    between()
     with times.part("cut"):
         mesh, strength = cut_in_blocks(
             views, evidence, options.cut, reporter.check, lambda which: reporter.progress(0.0, block=which)

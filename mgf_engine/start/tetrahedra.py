@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.native.library import call, parallel
+
 #: Corners of the face opposite of each corner, outward: the tetrahedra have positive volume.
 FACE_CORNERS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+_CHUNK = 1 << 17  # tetrahedra that are looked at together
 
 Array = NDArray[np.float64]
 
@@ -25,68 +29,53 @@ class Tetrahedra:
     corners: NDArray[np.int32]
 
     @cached_property
-    def neighbours(self) -> NDArray[np.int32]:
-        """Tetrahedra opposite of each corner, -1 at the rim, [T, 4]."""
-        return face_neighbours(self.corners, len(self.points))
+    def around(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+        """Where the tetrahedra around each point begin in a list, [N + 1], and that list, [4 T] (kernel
+        ``mgf_tetra_around``)."""
+        first, listed = np.empty(len(self.points) + 1, np.int64), np.empty(self.corners.size, np.int32)
+        call("mgf_tetra_around", len(self.corners), self.corners, len(self.points), first, listed)
+        return first, listed
 
     @cached_property
-    def planes(self) -> Array:
-        """Outward unit normals and offsets of the faces, [T, 4, 4]."""
-        result = np.empty((len(self.corners), 4, 4))
-        for k, corners in enumerate(FACE_CORNERS):
-            a, b, c = (self.points[self.corners[:, n]] for n in corners)
-            n = np.cross(b - a, c - a)
-            n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
-            result[:, k, :3], result[:, k, 3] = n, -(n * a).sum(1)
+    def neighbours(self) -> NDArray[np.int32]:
+        """Tetrahedra opposite of each corner, -1 at the rim, [T, 4] (kernel ``mgf_tetra_neighbours``)."""
+        result = np.empty_like(self.corners)
+        parallel("mgf_tetra_neighbours", len(result), self.corners, *self.around, result)
         return result
 
-    @cached_property
-    def volumes(self) -> Array:
-        """Volumes [T]."""
-        a, b, c, d = (self.points[self.corners[:, k]] for k in range(4))
+    def planes(self) -> Array:
+        """Compute outward unit normals and offsets of the faces, [T, 4, 4]: most of what a walk needs."""
+        result = np.empty((len(self.corners), 4, 4))
+        for chunk in self.chunks():
+            for k, corners in enumerate(FACE_CORNERS):
+                a, b, c = (self.points[self.corners[chunk, n]] for n in corners)
+                n = np.cross(b - a, c - a)
+                n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+                result[chunk, k, :3], result[chunk, k, 3] = n, -(n * a).sum(1)
+        return result
+
+    def volumes(self, chunk: slice) -> Array:
+        """Compute volumes of those in a chunk, [B]."""
+        a, b, c, d = (self.points[self.corners[chunk, k]] for k in range(4))
         return np.asarray(np.abs(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)) / 6)
 
-    @cached_property
-    def table(self) -> Any:
-        """The ``struct Tetrahedra`` of ``native/csrc/mesh/tetra_rays.c``; it keeps its arrays alive."""
-        flat = self.corners.ravel()
-        order = np.argsort(flat, kind="stable")
-        around = np.searchsorted(flat[order], np.arange(len(self.points) + 1)).astype(np.int64)
-        arrays = self.corners, self.neighbours, self.planes, self.points, around, (order // 4).astype(np.int32)
+    def chunks(self) -> Iterator[slice]:
+        """Iterate over ranges of them that are looked at together, which bounds the memory."""
+        for begin in range(0, len(self.corners), _CHUNK):
+            yield slice(begin, min(begin + _CHUNK, len(self.corners)))
+
+    @contextlib.contextmanager
+    def walkable(self) -> Iterator[ctypes.c_void_p]:
+        """Give the address of a ``struct Tetrahedra`` (``native/csrc/mesh/tetra_rays.c``), while rays walk through
+        them."""
+        around, listed = self.around
+        arrays = self.corners, self.neighbours, self.planes(), self.points, around, listed
         names = ("corner", "neighbour", "plane", "points", "around", "list")
         kinds = [*((name, ctypes.c_void_p) for name in names), ("count", ctypes.c_int64)]
         table = type("TetraTable", (ctypes.Structure,), {"_fields_": kinds})(
             *(a.ctypes.data for a in arrays), len(self.corners)
         )
-        table.arrays = arrays
-        return table
-
-    @property
-    def reference(self) -> ctypes.c_void_p:
-        """The table's address."""
-        return ctypes.c_void_p(ctypes.addressof(self.table))
-
-
-def face_neighbours(corners: NDArray[np.int32], points: int) -> NDArray[np.int32]:
-    """Find the tetrahedron beyond each face, which is opposite of a corner.
-
-    Args:
-        corners: of the tetrahedra, [T, 4].
-        points: number of points.
-
-    Returns:
-        Numbers of tetrahedra, -1 for none, [T, 4].
-    """
-    faces = np.sort(corners[:, FACE_CORNERS].reshape(-1, 3).astype(np.int64), axis=1)
-    key = (faces[:, 0] * points + faces[:, 1]) * points + faces[:, 2]
-    if points**3 >= 2**63:
-        key = np.unique(faces, axis=0, return_inverse=True)[1].ravel()
-    order = np.argsort(key, kind="stable")
-    twin = np.flatnonzero(key[order[1:]] == key[order[:-1]])
-    result = np.full(len(key), -1, np.int32)
-    first, second = order[twin], order[twin + 1]
-    result[first], result[second] = second // 4, first // 4
-    return result.reshape(-1, 4)
+        yield ctypes.c_void_p(ctypes.addressof(table))
 
 
 def orient_positive(points: Array, corners: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -94,6 +83,8 @@ def orient_positive(points: Array, corners: NDArray[np.int32]) -> NDArray[np.int
 
     The sum of the volumes decides for all: the sign of a flat one's volume is that of its rounding error.
     """
-    a, b, c, d = (points[corners[:, k]] for k in range(4))
-    total = np.einsum("ij,ij->", np.cross(b - a, c - a), d - a)
+    total = 0.0
+    for begin in range(0, len(corners), _CHUNK):
+        a, b, c, d = (points[corners[begin : begin + _CHUNK, k]] for k in range(4))
+        total += float(np.einsum("ij,ij->", np.cross(b - a, c - a), d - a))
     return np.ascontiguousarray(corners if total > 0 else corners[:, [0, 1, 3, 2]])

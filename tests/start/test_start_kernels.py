@@ -106,6 +106,16 @@ def shape() -> Tetrahedra:
     return Tetrahedra(points, orient_positive(points, delaunay(points)))
 
 
+def test_the_tables_are_those_of_the_twins(variant: None) -> None:
+    points = np.random.default_rng(3).random((3000, 3))
+    shape = Tetrahedra(points, delaunay(points))
+    first, listed = shape.around
+    for point in range(0, len(points), 37):
+        assert np.array_equal(listed[first[point] : first[point + 1]], reference.around(shape, point))
+    assert len(listed) == first[-1] == 4 * len(shape.corners)
+    assert np.array_equal(shape.neighbours, reference.face_neighbours(shape.corners))
+
+
 def test_neighbours_share_three_corners(shape: Tetrahedra) -> None:
     for cell, row in enumerate(shape.neighbours):
         for k, other in enumerate(row):
@@ -122,10 +132,11 @@ def test_rays_pass_the_cells_that_the_twin_finds(shape: Tetrahedra, variant: Non
             free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
             face = np.zeros((len(shape.corners), 4), np.int32)
             one = np.ones(1, np.float32)
-            parallel(
-                "mgf_cast_rays", 1, shape.reference, np.array([point], np.int32), np.array([number], np.int32),
-                centres, one, 0 * one, 0.1, 0.2, free, solid, face,
-            )  # fmt: skip
+            with shape.walkable() as table:
+                parallel(
+                    "mgf_cast_rays", 1, table, np.array([point], np.int32), np.array([number], np.int32),
+                    centres, one, 0 * one, 0.1, 0.2, free, solid, face,
+                )  # fmt: skip
             cell, passed = reference.cast_ray(shape, int(point), centre, 0.1)
             assert free[cell] == 1024 and free.sum() == 1024 and not solid.any()
             want = np.zeros_like(face)
@@ -141,11 +152,13 @@ def test_what_lies_behind_a_point_is_inside(shape: Tetrahedra, variant: None) ->
     behind = shape.points[point] + 0.05 * d / np.linalg.norm(d)
     solid, face = np.zeros(len(shape.corners), np.int32), np.zeros((len(shape.corners), 4), np.int32)
     one = np.ones(1, np.float32)
-    parallel(
-        "mgf_cast_rays", 1, shape.reference, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
-        0.1, 0.05, np.zeros_like(solid), solid, face,
-    )  # fmt: skip
-    holds = (np.einsum("tkj,j->tk", shape.planes[..., :3], behind) + shape.planes[..., 3] <= 1e-9).all(1)
+    with shape.walkable() as table:
+        parallel(
+            "mgf_cast_rays", 1, table, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
+            0.1, 0.05, np.zeros_like(solid), solid, face,
+        )  # fmt: skip
+    planes = shape.planes()
+    holds = (np.einsum("tkj,j->tk", planes[..., :3], behind) + planes[..., 3] <= 1e-9).all(1)
     assert (np.flatnonzero(solid) == np.flatnonzero(holds)).all() and solid.sum() == 1024
 
 
@@ -154,10 +167,11 @@ def test_pulled_rays_share_their_weight_by_length(shape: Tetrahedra, variant: No
     direction = np.array([[0.36, 0.48, 0.8]])
     shut = np.zeros(len(shape.corners), np.uint8)
     long, short = np.zeros(len(shut), np.int32), np.zeros(len(shut), np.int32)
-    parallel("mgf_pull_rays", 1, shape.reference, start, direction, shut, 0.5, 10.0, long)
-    assert abs(int(long.sum()) - 512) < 4
-    parallel("mgf_pull_rays", 1, shape.reference, start, direction, shut, 0.5, 1e-3, short)
-    assert short.sum() < 4
     outside = np.zeros(len(shut), np.int32)
-    parallel("mgf_pull_rays", 1, shape.reference, start + 9, direction, shut, 0.5, 10.0, outside)
+    with shape.walkable() as table:
+        parallel("mgf_pull_rays", 1, table, start, direction, shut, 0.5, 10.0, long)
+        parallel("mgf_pull_rays", 1, table, start, direction, shut, 0.5, 1e-3, short)
+        parallel("mgf_pull_rays", 1, table, start + 9, direction, shut, 0.5, 10.0, outside)
+    assert abs(int(long.sum()) - 512) < 4
+    assert short.sum() < 4
     assert not outside.any()

@@ -18,7 +18,7 @@ from mgf_engine.masks.geometry.visual_hull import hull_cells, with_hull_points
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.start import samples
-from mgf_engine.start.cut import _strongest_plane
+from mgf_engine.start.cut_graph import StrongestPlane
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.samples import poisson_disk_subset, sample_poisson_disk, sample_surface
 from mgf_engine.start.store import read_start, write_start
@@ -161,7 +161,7 @@ def test_a_face_counts_by_the_strongest_of_the_planes_that_all_its_corners_lie_o
     strength = np.linspace(0.1, 0.7, 70)
     evidence = Evidence(np.zeros((5, 3)), [], np.zeros(5), on, strength)
     faces = np.array([[0, 1, 2], [1, 2, 3], [2, 3, 4], [0, 1, 5]], np.int32)
-    found = _strongest_plane(evidence, faces, 6)  # the last point is one of the box
+    found = StrongestPlane(evidence, 6)(faces)  # the last point is one of the box
     np.testing.assert_array_equal(found, [strength[66], strength[3], 0, 0])
     none = Evidence(np.zeros((5, 3)), [], np.zeros(5), on[:, :0], strength[:0])
-    np.testing.assert_array_equal(_strongest_plane(none, faces, 6), 0)
+    np.testing.assert_array_equal(StrongestPlane(none, 6)(faces), 0)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The graph of the start's cut: tetrahedra, and between them faces with what each costs in either direction."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.start.evidence import Evidence
+from mgf_engine.start.options import CutOptions
+from mgf_engine.start.tetrahedra import FACE_CORNERS, Tetrahedra
+
+with contextlib.suppress(ModuleNotFoundError):  # no wheel for Linux on ARM
+    import maxflow
+
+ONE = 1024.0  # what the kernels count as 1: their sums are whole numbers
+
+Array = NDArray[np.float64]
+
+
+def check_maxflow() -> None:
+    """Refuse to go on without what finds the cut.
+
+    Raises:
+        BadInput: PyMaxflow is not installed.
+    """
+    if "maxflow" not in globals():
+        raise BadInput("PyMaxflow is not installed; run 'pip install PyMaxflow', or choose the start 'dense'.")
+
+
+class CutGraph:
+    """The graph of the cut: tetrahedra, and the faces between them with what they cost in either direction.
+
+    Faces are listed chunk after chunk where they are asked for: all of them take as much memory as the tetrahedra.
+    """
+
+    def __init__(
+        self, shape: Tetrahedra, rays: NDArray[np.int32], evidence: Evidence, pixel: float, o: CutOptions
+    ) -> None:
+        self.shape, self.strength = shape, StrongestPlane(evidence, len(shape.points))
+        self.graph = maxflow.Graph[float](len(shape.corners), sum(len(_pairs(shape, c)[0]) for c in shape.chunks()))
+        self.graph.add_nodes(len(shape.corners))
+        for chunk in shape.chunks():
+            cell, k, other = _pairs(shape, chunk)
+            back = np.argmax(shape.neighbours[other] == cell[:, None], 1)
+            faces = _corners_of(shape, cell, k)
+            with np.errstate(divide="ignore"):
+                factor = np.minimum(1.0, o.flat / self.strength(faces) ** o.slope)
+            cost = o.area * (_areas(shape.points, faces) / pixel**2) * factor
+            self.graph.add_edges(cell, other, rays[cell, k] / ONE + cost, rays[other, back] / ONE + cost)
+
+    def add(self, source: Array, sink: Array) -> None:
+        """Add capacities [T] from outside and to inside."""
+        self.graph.add_grid_tedges(np.arange(len(source)), source, sink)
+
+    def cut(self) -> NDArray[np.bool_]:
+        """Find the inside tetrahedra by the minimum cut, bool [T].
+
+        The flow of an earlier cut stays valid, so that a second one only adds what the added capacities let through.
+        """
+        self.graph.maxflow()
+        return np.asarray(self.graph.get_grid_segments(np.arange(len(self.shape.corners))))
+
+    def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.float32]]:
+        """Return the faces between inside and outside, outward, and the strength of the plane each lies on [F]."""
+        found = []
+        for chunk in self.shape.chunks():
+            cell, k, other = _pairs(self.shape, chunk)
+            cut = inside[cell] != inside[other]
+            faces = _corners_of(self.shape, cell[cut], k[cut])
+            turned = inside[other[cut]]
+            faces[turned] = faces[turned][:, ::-1]
+            found.append(faces)
+        faces = np.concatenate(found)
+        kept, index = np.unique(faces, return_inverse=True)
+        colors = np.zeros((len(kept), 3), np.uint8)
+        mesh = Mesh(self.shape.points[kept], index.reshape(-1, 3).astype(np.int32), colors)
+        return mesh, self.strength(faces).astype(np.float32)
+
+
+class StrongestPlane:
+    """Finds the strength of the strongest plane that faces lie on.
+
+    Args:
+        evidence: planes of the first points, and their strength.
+        points: number of points, those of the box around the evidence included.
+    """
+
+    def __init__(self, evidence: Evidence, points: int) -> None:
+        order = np.argsort(-evidence.strength, kind="stable")
+        self.by_rank = np.r_[evidence.strength[order], 0.0]
+        on = np.packbits(evidence.on_planes[:, order], axis=1)
+        self.on = np.pad(on, ((0, points - len(on)), (0, 0)))
+
+    def __call__(self, faces: NDArray[np.int32]) -> Array:
+        """Find the strength of the strongest plane that all three corners of faces [F, 3] lie on, 0 for none, [F]."""
+        if len(self.by_rank) == 1:
+            return np.zeros(len(faces))
+        common = self.on[faces[:, 0]] & self.on[faces[:, 1]] & self.on[faces[:, 2]]
+        rows = np.flatnonzero(common.any(1))
+        byte = (common[rows] != 0).argmax(1)
+        rank = np.full(len(faces), len(self.by_rank) - 1)
+        rank[rows] = 8 * byte + np.unpackbits(common[rows, byte][:, None], axis=1).argmax(1)
+        return self.by_rank[rank]
+
+
+def _pairs(shape: Tetrahedra, chunk: slice) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32]]:
+    """List the faces from the tetrahedra of a chunk to those with higher numbers.
+
+    Returns:
+        Number of the tetrahedron, its corner opposite of the face, and number of the other one, [F] each.
+    """
+    neighbours = shape.neighbours[chunk]
+    cell, k = np.nonzero(neighbours > np.arange(chunk.start, chunk.stop)[:, None])
+    return cell + chunk.start, k, neighbours[cell, k]
+
+
+def _corners_of(shape: Tetrahedra, cell: NDArray[np.int64], k: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return the corners of faces by their tetrahedra and the corners opposite of them, outward, [F, 3]."""
+    return np.take_along_axis(shape.corners[cell], FACE_CORNERS[k], 1)
+
+
+def _areas(points: Array, faces: NDArray[np.int32]) -> Array:
+    """Compute the areas of faces [F, 3], [F]."""
+    a, b, c = (points[faces[:, n]] for n in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
