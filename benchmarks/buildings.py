@@ -9,7 +9,16 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.houses import bungalow, half_timber, plain_house, slate_villa
-from benchmarks.landmarks import balcony_tower, chapel, glass_block, glass_office, glass_showroom, sheet_hall, warehouse
+from benchmarks.landmarks import (
+    balcony_tower,
+    chapel,
+    glass_block,
+    glass_office,
+    glass_showroom,
+    glass_tower,
+    sheet_hall,
+    warehouse,
+)
 from benchmarks.roofs import band, gable_roof
 from benchmarks.shapes import Builder, Opening, Part, wall_row
 
@@ -280,6 +289,7 @@ BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "glass_office": glass_office,
     "glass_showroom": glass_showroom,
     "glass_block": glass_block,
+    "glass_tower": glass_tower,
     "balcony_tower": balcony_tower,
     "chapel": chapel,
 }

@@ -191,6 +191,11 @@ SCENES["glass_block"] = replace(
     _SMALL, building="glass_block", wall="mirror_glass", seed=46, sun_azimuth=130.0, sun_elevation=38.0,
     rings=(Ring(0.5, 5.0, 27.0, 5.0), Ring(0.5, 19.0, 24.0, 5.0)), **_FAULTY,
 )  # fmt: skip
+# Tall and narrow: most of what is seen are panes, and sky is in most of these.
+SCENES["glass_tower"] = replace(
+    _SMALL, building="glass_tower", wall="mirror_glass", aspect=2 / 3, width=400, seed=47, sun_azimuth=60.0,
+    rings=(Ring(0.5, 9.0, 34.0, 14.0), Ring(0.5, 27.0, 31.0, 15.0)), **_FAULTY,
+)  # fmt: skip
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("steel_frame_hall", "brick_ensemble"):

@@ -95,9 +95,11 @@ def glass_office(wall: str = "mirror_glass") -> list[Part]:
     return b.parts()
 
 
-def _curtain(b: Builder, glass: str, ends: tuple[Corner, Corner], floors: int, storey: float, name: str) -> None:
-    """Panes and spandrels flush with each other, mullions and transoms in front of them."""
-    frame = WallFrame.make(*ends, 0.0)
+def _curtain(
+    b: Builder, glass: str, ends: tuple[Corner, Corner], floors: int, storey: float, name: str, foot: float = 0.0
+) -> None:
+    """Panes and spandrels flush with each other, mullions and transoms in front of them, from height ``foot`` up."""
+    frame = WallFrame.make(*ends, foot)
     count = round(frame.length / 1.5)
     pitch, up = frame.length / count, np.array([0.0, 0.0, 1.0])
     axes = np.stack([frame.along, up, frame.out])
@@ -157,6 +159,27 @@ def glass_block(wall: str = "mirror_glass") -> list[Part]:
     b.polygon([(px, py, height - 0.2) for px, py in corners], "gravel", "roof")
     b.box((9.0, 2.0, 0), (13.0, 8.0, height + 2.6), "brick", "stairs")
     b.box((-9.0, -7.0, height - 0.2), (-5.5, -4.0, height + 1.6), "sheet", "plant")
+    return b.parts()
+
+
+def glass_tower(wall: str = "mirror_glass") -> list[Part]:
+    """Eight storeys of curtain wall, mirroring panes between mullions, on a podium of sandstone (20 x 16 x 32 m)."""
+    b = Builder()
+    floors, storey, foot = 8, 3.2, 4.6
+    height = foot + floors * storey
+    podium = [(-10.0, -8.0), (10.0, -8.0), (10.0, 8.0), (-10.0, 8.0)]
+    for i in range(4):
+        length = float(np.hypot(*np.subtract(podium[(i + 1) % 4], podium[i])))
+        b.wall(podium[i], podium[(i + 1) % 4], 0, foot, "sandstone", wall_row(length, 5, 1.8, 0.6, 2.8), f"podium {i}")
+    b.polygon([(px, py, foot - 0.3) for px, py in podium], "gravel", "podium.roof")
+    corners = [(-7.5, -5.5), (6.0, -5.5), (6.0, 5.5), (-7.5, 5.5)]
+    for i, corner in enumerate(corners):
+        _curtain(b, wall, (corner, corners[(i + 1) % 4]), floors, storey, f"side {i}", foot)
+        b.box(
+            (corner[0] - 0.15, corner[1] - 0.15, foot), (corner[0] + 0.15, corner[1] + 0.15, height), "alu", "corners"
+        )
+    b.polygon([(px, py, height - 0.2) for px, py in corners], "gravel", "roof")
+    b.box((-4.0, -2.0, height - 0.2), (1.0, 2.5, height + 1.9), "sheet", "plant")
     return b.parts()
 
 

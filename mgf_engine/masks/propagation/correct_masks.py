@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -23,6 +23,7 @@ from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, rem
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
 from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, MirrorTest
+from mgf_engine.masks.refinement.mirrored_sky import MirroredSkyOptions, find_mirrored_sky
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.stray_pieces import find_stray_pieces
 from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
@@ -50,6 +51,13 @@ def map_photos(scene: Scene, task: Callable[[int], T], indices: Iterable[int], t
     """
     indices, each = list(indices), _BYTES_PER_PIXEL * most_pixels(scene.views)
     return zip(indices, parallel_map(task, indices, threads, each), strict=True)
+
+
+class _Pierced(NamedTuple):
+    """Holes cut into a mask, as bits of its pixels, and its label map [H, W] before."""
+
+    holes: NDArray[np.uint8]
+    labels: NDArray[np.uint8]
 
 
 class MaskCorrection:
@@ -92,8 +100,12 @@ class MaskCorrection:
         Returns:
             clicks (view, row) on thin structures that were drawn; None where there are no such structures.
         """
-        for index, _ in self._map(lambda i: self._correct_view(i, extent, accepted)):
+        pierced = {}
+        for index, holes in self._map(lambda i: self._correct_view(i, extent, accepted)):
+            if holes is not None:
+                pierced[index] = holes
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.scene.views))
+        self._close_panes(pierced, extent, accepted, voters)
         ground = None if self.plane is None else self._ground_finder(self.plane)
         opened = ground is not None and self._cut_ground(ground, voters)
         thin = self._add_thin_structures(ground, accepted)
@@ -108,8 +120,45 @@ class MaskCorrection:
         mirrors = MirrorTest(self.scene, plane, self.labels, self.config.algorithm(MirroredGroundOptions))
         return GroundFinder(self.scene, plane, self.config.algorithm(GroundHomographyOptions), mirrors.confirmed)
 
-    def _correct_view(self, index: int, extent: BuildingExtent, accepted: NDArray[np.bool_]) -> None:
-        """Correct one mask in place: skyline, sky that shows through, stray pieces, plain regions, leaves."""
+    def _close_panes(
+        self, pierced: dict[int, _Pierced], extent: BuildingExtent, accepted: NDArray[np.bool_], voters: Sequence[int]
+    ) -> None:
+        """Correct masks again without the holes that are sky mirrored in panes, see :func:`find_mirrored_sky`."""
+        points, options = self.scene.points[accepted], self.config.algorithm(MirroredSkyOptions)
+
+        def mirrored(index: int) -> NDArray[np.bool_]:
+            bits = np.unpackbits(pierced[index].holes, count=self.labels[index].size)
+            holes = bits.reshape(self.labels[index].shape) > 0
+            return find_mirrored_sky(self.scene, index, holes, self.labels, voters, points, options)
+
+        found = dict(map_photos(self.scene, mirrored, pierced, self.graph.threads))
+        panes = {index: panes for index, panes in found.items() if panes.any()}
+        for index in panes:
+            self.labels[index][:] = pierced[index].labels
+
+        for _ in map_photos(
+            self.scene, lambda i: self._correct_view(i, extent, accepted, panes[i]), panes, self.graph.threads
+        ):
+            self.reporter.check()
+
+    def _correct_view(
+        self,
+        index: int,
+        extent: BuildingExtent,
+        accepted: NDArray[np.bool_],
+        panes: NDArray[np.bool_] | None = None,
+    ) -> _Pierced | None:
+        """Correct one mask in place: skyline, sky that shows through, stray pieces, plain regions, leaves.
+
+        Args:
+            index: of the view.
+            extent: of the building in the photos.
+            accepted: sparse points on the building, bool [P].
+            panes: that mirror sky, bool [H, W], in which no holes are cut.
+
+        Returns:
+            the holes that were cut, and the mask before; None without holes.
+        """
         view, place = self.scene.views[index], extent.place(index)
         size = (view.width, view.height)
         core = cv2.resize(place.core.astype(np.uint8), size) > 0
@@ -119,6 +168,9 @@ class MaskCorrection:
         drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
         observed, options = self.scene.track_uv[self.scene.observations(index)], self.config.algorithm(SkyHoleOptions)
         through = find_sky_holes(lab, drawn | seen, sky, view, self.graph.shape.up, observed, options)
+        if panes is not None:
+            through &= ~panes
+        pierced = _Pierced(np.packbits(through), labels.copy()) if through.any() else None
         labels[:], sky = drawn & ~through, sky | through
         clicks = self.prompts.get(index, Clicks())
         known = np.concatenate([observed_pixels(self.scene, index, accepted), clicks.positive])
@@ -131,6 +183,7 @@ class MaskCorrection:
         plants = self._of_regions(index, self.graph.plants)
         leaves = find_foreground_leaves(labels, plants, self.config.algorithm(LeafOptions))
         labels[leaves & ~sky & ~ground] = IGNORE
+        return pierced
 
     def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
         """Draw clicked steelwork that the masks lack; doubted clicks count, since regions are too coarse for it."""

@@ -22,6 +22,7 @@ from mgf_engine.masks.geometry.building_extent import (
     Visibility,
     over_building,
 )
+from mgf_engine.masks.geometry.floating_points import sky_behind
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
 from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
@@ -70,6 +71,9 @@ class GeometricOdds:
         features = self.options.features
         self.full_shape = measure_point_features(graph.full, graph.shape.up, features) if added else graph.shape
         self.visibility = Visibility(graph.full, self.full_shape, len(graph.scene.points), extent)
+        pieces = np.split(graph.sky, graph.start[1:])
+        photos = zip(graph.scene.views, graph.regions, pieces, strict=False)  # the last pieces are the points'
+        self._sky_behind = sky_behind(graph.full.points, photos, self.options.floating)
 
     def place(
         self, probability: Array, appearance: Array, prompts: Prompts, seed: int, views: Sequence[int]
@@ -101,6 +105,7 @@ class GeometricOdds:
             points = np.minimum(points, 1 - held)
             evidence = replace(evidence, ground=ground)
         keep, apart = self._building_points(points, prompts)
+        keep &= ~self.floating(prompts)[: graph.point_count]
         point_odds += own.apart_odds * apart
         if keep.sum() < 10:
             return evidence
@@ -109,7 +114,7 @@ class GeometricOdds:
         keep |= over & (points > own.other_below)
         others = apart | ((points < own.other_below) & ~point_grounded & ~over & self._far_from(keep))
         added = graph.added_on_building(probability) & (added_ground < 0.5)
-        extent = self.extent(np.concatenate([keep, added]), ground, others)
+        extent = self.extent(np.concatenate([keep, added]), ground, prompts, others)
         tied = self._tied_to_building(keep, points, appearance)
         within = np.zeros(graph.point_count)
         geometry = parallel_map(lambda i: self._geometry(extent, i, tied), views, graph.threads)
@@ -196,19 +201,29 @@ class GeometricOdds:
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
 
     def extent(
-        self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None
+        self, keep: NDArray[np.bool_], ground: Ground | None, prompts: Prompts, others: NDArray[np.bool_] | None = None
     ) -> BuildingExtent:
         """Return the extent of the building.
 
         Args:
-            keep: of the full scene's points, those of the building.
+            keep: of the full scene's points, those of the building; what floats in the air is left out.
+            ground: the plane under it, None without.
+            prompts: clicks by view index.
             others: [P], points of other things that stand on the ground.
         """
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
+        keep = keep & ~self.floating(prompts)
         return BuildingExtent(
             self.graph.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options
         )
+
+    def floating(self, prompts: Prompts) -> NDArray[np.bool_]:
+        """Return points of the full scene behind which photos show sky that no click calls building, bool."""
+        rows, pieces = self._sky_behind.T
+        sky = np.unique(self.graph.sky[self.graph.unclicked_sky(prompts)])
+        count = np.bincount(rows[np.isin(pieces, sky)], minlength=len(self.graph.full.points))
+        return np.asarray(count >= self.options.floating.photos, bool)
 
     def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return points farther from all kept ones than a wall is from the roof on it, [P]."""

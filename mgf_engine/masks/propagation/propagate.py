@@ -238,7 +238,7 @@ class _Propagator:
         correction = MaskCorrection(
             self.graph, self.labels, self.prompts, self.original, self.probability.ground, self.config, self.reporter
         )
-        extent = self.walker.geometry.extent(accepted, self.probability.ground)
+        extent = self.walker.geometry.extent(accepted, self.probability.ground, self.prompts)
         return correction.run(extent, accepted[: len(self.scene.points)], voters)
 
     def _prompt_messages(self, doubts: list[OutlierPrompt]) -> list[str]:

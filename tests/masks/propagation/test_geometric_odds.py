@@ -94,6 +94,20 @@ def test_a_building_across_the_street_is_apart(scene: Scene, graph: LabelGraph) 
     assert np.median(odds[far]) == geometry.options.apart_odds < 0 < np.median(odds[~far])
 
 
+def test_points_before_the_sky_are_no_part_of_the_extent(scene: Scene, graph: LabelGraph) -> None:
+    """A mismatch high above the roof, as probable as the wall: both photos show sky at its place."""
+    wall = heights(scene) > 1.0
+    wrong = np.flatnonzero(wall)[:3]
+    points = scene.points.copy()
+    points[wrong] = points[wall].mean(0) + 0.9 * np.ptp(points[wall] @ graph.shape.up) * graph.shape.up
+    moved = replace_scene(graph, replace(scene, points=points))
+    prompts = {VIEWS[0]: click(scene, wall)}
+    floating = GeometricOdds(moved).floating(prompts)
+    assert floating[wrong].all() and floating.sum() == len(wrong)
+    extent = GeometricOdds(moved).extent(wall, None, prompts)
+    assert not extent.keep[wrong].any() and extent.keep.any()
+
+
 def replace_scene(graph: LabelGraph, scene: Scene) -> LabelGraph:
     """A graph of the same photos with other points."""
     return LabelGraph(scene, graph.regions, measure_point_features(scene))

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tell sky that shows through the building from sky that its panes mirror.
+
+Where sky shows through, other photos look through the same opening from elsewhere: they see sky in places that the ray
+passes. The ray of a mirror image passes through the closed building, which all other silhouettes hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.model.masks import IGNORE, building
+from mgf_engine.model.scene import Scene, View
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MirroredSkyOptions:
+    """Options of sky that is mirrored."""
+
+    held: float = parameter(
+        0.97,
+        "Share of the other photos that must hold the best place along the rays of a hole for it to be a mirror image",
+        low=0.01,
+        high=1,
+    )
+    samples: int = parameter(48, "Number of places along a ray", low=2)
+    step: int = parameter(3, "Step from one row of rays to the next", "px", low=1)
+    least_views: int = parameter(3, "Minimum number of other photos that must have a place in their frame", low=1)
+    percentiles: tuple[float, float] = parameter(
+        (0.5, 99.5), "Percentiles of the building's sparse points that the box of these places lies between", high=100
+    )
+    padding: float = parameter(0.03, "Space around them, as a share of the longest side")
+
+
+def find_mirrored_sky(
+    scene: Scene,
+    index: int,
+    holes: NDArray[np.bool_],
+    labels: Sequence[NDArray[np.uint8]],
+    views: Sequence[int],
+    points: Array,
+    options: MirroredSkyOptions = MirroredSkyOptions(),
+) -> NDArray[np.bool_]:
+    """Find the holes that are mirror images: by half of their rays or more, bool [H, W].
+
+    Args:
+        scene: photos and cameras, normalised frame.
+        index: of the view.
+        holes: sky found inside its mask, bool [H, W].
+        labels: label maps of all photos [H, W], with holes cut out.
+        views: those whose masks are asked.
+        points: sparse points of the building, [N, 3]; where there are none, nothing is a mirror image.
+        options: rays, and how many photos must hold their places.
+    """
+    o, height, width = options, *holes.shape
+    mirrored = np.zeros_like(holes)
+    if not len(points) or not holes.any():
+        return mirrored
+    count, pieces = cv2.connectedComponents(holes.astype(np.uint8), connectivity=4)
+    grid = (np.arange(height)[:, None] + np.arange(width)) % o.step == 0  # every row and column has rays
+    y, x = np.nonzero(holes & grid)
+    places = _along_rays(scene.views[index], np.stack([x, y], 1).astype(np.float64) + 0.5, _box(points, o), o.samples)
+    share = _held_share(scene, labels, [i for i in views if i != index], places.reshape(-1, 3), o)
+    best = share.reshape(places.shape[:2]).max(1)
+    rays = np.bincount(pieces[y, x], minlength=count)
+    held = np.bincount(pieces[y, x], best >= o.held, minlength=count)
+    closed = (rays > 0) & (2 * held >= rays)
+    mirrored[:] = holes & closed[pieces]
+    return mirrored
+
+
+def _box(points: Array, o: MirroredSkyOptions) -> tuple[Array, Array]:
+    """Return two corners of the box around the building."""
+    low, high = np.percentile(points, o.percentiles, axis=0)
+    padding = o.padding * float((high - low).max())
+    return low - padding, high + padding
+
+
+def _along_rays(view: View, uv: Array, box: tuple[Array, Array], samples: int) -> Array:
+    """Return places within the box along the rays of pixels [N, 2], [N, samples, 3]; NaN for rays that miss it."""
+    ray = view.unproject(uv, np.ones(len(uv))) - view.centre
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([(corner - view.centre) / ray for corner in box])
+    enter, leave = np.maximum(ends.min(0).max(1), 0.0), ends.max(0).min(1)
+    enter[~(leave > enter)] = np.nan
+    at = enter[:, None] + (leave - enter)[:, None] * ((np.arange(samples) + 0.5) / samples)
+    return np.asarray(view.centre + at[..., None] * ray[:, None], np.float64)
+
+
+def _held_share(
+    scene: Scene, labels: Sequence[NDArray[np.uint8]], views: Sequence[int], places: Array, o: MirroredSkyOptions
+) -> Array:
+    """Return the share of the photos that show places [N, 3] on the building, 0 where too few show them at all, [N]."""
+    held, shown = np.zeros((2, len(places)))
+    for other in views:
+        view = scene.views[other]
+        uv, depth = view.project(places)
+        with np.errstate(invalid="ignore"):
+            framed = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+        x, y = uv[framed].astype(np.int64).T
+        label = labels[other][y, x]
+        held[framed] += building(label)
+        shown[framed] += label != IGNORE
+    return np.where(shown >= o.least_views, held / np.maximum(shown, 1), 0.0)
