@@ -28,7 +28,7 @@ def _field(config: Config, iterations: int) -> str:
     if config.surface == "opacity":
         return f"{field} is the surface: solid is what no photo sees through, down to a level of opacity (eq. 23-26)."
     if not iterations:
-        return "The field is not trained: its Gaussians, placed there, give each photo a depth map; all are fused into one."
+        return "The field is not trained: its Gaussians, placed there, give each photo a depth map, fused into one."
     return f"{field} gives each photo a depth map, sees past bars and railings, and all depth maps are fused into one."
 
 
