@@ -18,8 +18,32 @@ from mgf_engine.reported import add_algorithm_arguments
 from mgf_engine.stages import SECTIONS, STAGES
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser that answers a mistake with one sentence, where argparse prints its sixty lines of usage first."""
+class Parser(argparse.ArgumentParser):
+    """A parser that answers a mistake with one sentence, where argparse prints its sixty lines of usage first.
+
+    It lists its arguments and commands, which argparse does only privately.
+
+    Attributes:
+        arguments: of this parser, in order.
+        commands: name -> parser and help text.
+    """
+
+    def __init__(self, **given: Any) -> None:
+        self.arguments: list[argparse.Action] = []
+        self.commands: dict[str, tuple[Parser, str]] = {}
+        super().__init__(**given)
+
+    def add_argument(self, *args: Any, **given: Any) -> argparse.Action:
+        """Add an argument, and list it."""
+        self.arguments.append(super().add_argument(*args, **given))
+        return self.arguments[-1]
+
+    def add_command(self, name: str, help: str, **given: Any) -> Parser:
+        """Add a command, and list it; ``given`` goes to its parser."""
+        if not self.commands:
+            self._group = self.add_subparsers(dest="command", required=True, metavar="COMMAND")
+        self.commands[name] = self._group.add_parser(name, help=help, **given), help
+        return self.commands[name][0]
 
     def error(self, message: str) -> NoReturn:
         self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; '{self.prog} --help' lists all.\n")
@@ -36,86 +60,76 @@ def parse_arguments(args: Sequence[str]) -> argparse.Namespace:
     if not unknown:
         return parsed
     wrong = next((text for text in unknown if text.startswith("-")), unknown[0]).split("=")[0]
-    flags = [flag for flag in _flags_of(parser, parsed.command) if flag.startswith("--")]
+    actions = parser.commands[parsed.command][0].arguments
+    flags = [flag for action in actions for flag in action.option_strings if flag.startswith("--")]
     parts = [flag for flag in flags if wrong.startswith("--") and wrong[2:] in flag]
     likely = parts or difflib.get_close_matches(wrong, flags, n=1)
     meant = f"; did you mean {likely[0]}?" if likely else ";"
     raise BadInput(f"'mgf {parsed.command}' does not know '{wrong}'{meant} 'mgf {parsed.command} --help' lists all.")
 
 
-def _flags_of(parser: argparse.ArgumentParser, command: str) -> list[str]:
-    """Return the options that a command has: of argparse's own lists, since it has no public one."""
-    commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
-    return [*commands.choices[command]._option_string_actions]
-
-
-def make_parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
     """Make the parser of all commands."""
-    parser = _Parser(prog="mgf", description="Reconstruct a clean mesh of a building from photos.")
+    parser = Parser(prog="mgf", description="Reconstruct a clean mesh of a building from photos.")
     parser.add_argument("--version", action="version", version=f"mgf {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_job_command(commands, "reconstruct", "run all stages: from photos to mesh and report")
+    _add_job_command(parser, "reconstruct", "run all stages: from photos to mesh and report")
     for stage in STAGES:
-        _add_job_command(commands, stage.name, f"run the stages up to this one: {stage.help}")
-    _add_tools(commands)
-    _add_after_the_job(commands)
-    _add_towns(commands)
-    commands.add_parser("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
+        _add_job_command(parser, stage.name, f"run the stages up to this one: {stage.help}")
+    _add_tools(parser)
+    _add_after_the_job(parser)
+    _add_towns(parser)
+    parser.add_command("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
     return parser
 
 
-def _add_tools(commands: Any) -> None:
+def _add_tools(mgf: Parser) -> None:
     """Add the commands that tell about the installation, the options and a job to come."""
-    guess = commands.add_parser(
+    guess = mgf.add_command(
         "estimate", help="estimate time and memory of a job, per stage", argument_default=argparse.SUPPRESS
     )
     _add_inputs(guess)
     guess.add_argument("--out", type=_path, default=None, metavar="JOB", help="ignored; all stages count as not done")
     guess.add_argument("--json", action="store_true", default=False, help="print JSON")
     _add_options(guess)
-    doctor = commands.add_parser("doctor", help="show versions, kernel variant, device and memory")
+    doctor = mgf.add_command("doctor", help="show versions, kernel variant, device and memory")
     doctor.add_argument(
         "--card", action="store_true", help="compare the card with the CPU, in a minute; auto then uses it"
     )
     doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder of the EfficientSAM weights")
-    options = commands.add_parser("options", help="list all options with default and meaning")
+    options = mgf.add_command("options", help="list all options with default and meaning")
     options.add_argument("--algorithms", action="store_true", help="list the options of the algorithms instead")
     options.add_argument("--json", action="store_true", help="print JSON")
-    weights = commands.add_parser("weights", help="download and verify the weights of EfficientSAM or LPIPS")
+    weights = mgf.add_command("weights", help="download and verify the weights of EfficientSAM or LPIPS")
     weights.add_argument("--model", choices=("vitt", "vits", "lpips-alex", "lpips-vgg"),
                          help="EfficientSAM by size (default vitt), or the LPIPS network")  # fmt: skip
     weights.add_argument("--folder", type=_path, help="target folder (default: the user's cache folder)")
     weights.add_argument("--from", dest="source", type=_path, metavar="FOLDER", help="copy the files from this folder")
 
 
-def _add_after_the_job(commands: Any) -> None:
+def _add_after_the_job(mgf: Parser) -> None:
     """Add the commands that work on finished jobs, meshes and single photos."""
-    evaluate = commands.add_parser(
-        "evaluate", help="compare a mesh with a true mesh, or measure the evenness of its walls"
-    )
+    evaluate = mgf.add_command("evaluate", help="compare a mesh with a true mesh, or measure the evenness of its walls")
     _add_arguments_of("evaluation.command", evaluate)
-    drawings = commands.add_parser(
+    drawings = mgf.add_command(
         "drawings", help="make drawings of a finished job: facade orthophotos, plans, elevations, sections, quantities"
     )
     _add_arguments_of("drawings.command", drawings)
-    models = commands.add_parser(
-        "models", help="models of a finished job: levels of detail, 3D Tiles, solid, USD, points"
-    )
+    models = mgf.add_command("models", help="models of a finished job: levels of detail, 3D Tiles, solid, USD, points")
     _add_arguments_of("models.command", models)
-    preview = commands.add_parser("preview", help="make the mask of one photo from its own clicks")
+    preview = mgf.add_command("preview", help="make the mask of one photo from its own clicks")
     _add_preview_arguments(preview)
-    clean = commands.add_parser("clean", help="list or remove the results of earlier runs of a job")
+    clean = mgf.add_command("clean", help="list or remove the results of earlier runs of a job")
     clean.add_argument("job", type=_path, metavar="JOB", help="job folder")
     clean.add_argument("runs", nargs="*", type=int, metavar="RUN", help="numbers of the runs to remove")
     clean.add_argument("--old", action="store_true", help="remove all runs except the current one")
-    georef = commands.add_parser(
+    georef = mgf.add_command(
         "georef", help="georeference a finished job by GPS, control points or scale bars",
         argument_default=argparse.SUPPRESS,
     )  # fmt: skip
     _add_georef_arguments(georef)
 
 
-def _add_towns(commands: Any) -> None:
+def _add_towns(mgf: Parser) -> None:
     """Add the commands for many buildings in one scene."""
     footprints = "every building of a scene, from a map of footprints"
     for name, module, text in (
@@ -123,7 +137,7 @@ def _add_towns(commands: Any) -> None:
         ("town", "town.run", f"reconstruct {footprints}"),
         ("suggest-clicks", "town.suggest", "suggest clicks on one building, from the sparse points"),
     ):
-        command = commands.add_parser(name, help=text, argument_default=argparse.SUPPRESS)
+        command = mgf.add_command(name, help=text, argument_default=argparse.SUPPRESS)
         _add_arguments_of(module, command)
         _add_config_arguments(command)
 
@@ -134,12 +148,12 @@ def _path(text: str) -> Path:
     return Path(text)
 
 
-def _add_arguments_of(module: str, parser: argparse.ArgumentParser) -> None:
+def _add_arguments_of(module: str, parser: Parser) -> None:
     """Add the arguments that a command's own module declares; it is imported when the parser is made."""
     import_module(f"mgf_engine.{module}").add_arguments(parser)
 
 
-def _add_config_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_config_arguments(parser: Parser) -> None:
     parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
     parser.add_argument(
         "--set",
@@ -151,14 +165,14 @@ def _add_config_arguments(parser: argparse.ArgumentParser) -> None:
     _add_options(parser)
 
 
-def _add_georef_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_georef_arguments(parser: Parser) -> None:
     parser.add_argument("job", type=_path, metavar="JOB", help="folder of a finished job")
     _add_arguments_of("georef.command", parser)
     for spec in (f for f in option_fields() if f.metadata["section"] == "georef"):
         _add_option(parser, spec)
 
 
-def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_preview_arguments(parser: Parser) -> None:
     parser.add_argument("scene", type=_path, help="COLMAP project, or folder of photos")
     parser.add_argument("--prompts", type=_path, required=True, metavar="FILE", help="clicks on the building (JSON)")
     parser.add_argument("--image", required=True, metavar="NAME", help="name of the photo, as in the prompts file")
@@ -169,8 +183,8 @@ def _add_preview_arguments(parser: argparse.ArgumentParser) -> None:
     add_algorithm_arguments(parser)
 
 
-def _add_job_command(commands: Any, name: str, help: str) -> None:
-    parser = commands.add_parser(
+def _add_job_command(mgf: Parser, name: str, help: str) -> None:
+    parser = mgf.add_command(
         name, help=help, description=help[:1].upper() + help[1:] + ".", argument_default=argparse.SUPPRESS,
         usage=f"mgf {name} [SCENE] --out JOB [--prompts FILE | --masks FOLDER] [OPTION ...]",
     )  # fmt: skip
@@ -183,7 +197,7 @@ def _add_job_command(commands: Any, name: str, help: str) -> None:
     _add_options(parser)
 
 
-def _add_inputs(parser: argparse.ArgumentParser, scenes: str | None = None) -> None:
+def _add_inputs(parser: Parser, scenes: str | None = None) -> None:
     parser.add_argument("scene", nargs=scenes, type=_path, default=None, help="COLMAP project, or folder of photos")
     parser.add_argument("--prompts", type=_path, default=None, metavar="FILE", help="clicks on the building (JSON)")
     parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="masks instead of clicks (PNGs)")
@@ -191,19 +205,19 @@ def _add_inputs(parser: argparse.ArgumentParser, scenes: str | None = None) -> N
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set an option; repeatable")
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def _add_options(parser: Parser) -> None:
     for section in SECTIONS:
         group = parser.add_argument_group(f"{section} options")
         for spec in (f for f in option_fields() if f.metadata["section"] == section):
-            _add_option(group, spec)
+            parser.arguments.append(_add_option(group, spec))
 
 
-def _add_option(group: Any, spec: Any) -> None:
+def _add_option(group: Any, spec: Any) -> argparse.Action:
+    """Add the flag of an option of the job to a parser or a group of its arguments."""
     flag, meta = "--" + spec.name.replace("_", "-"), spec.metadata
     default = "" if spec.default == "" else f" (default {default_text(spec.default, meta['unit'])})"
     help = f"{meta['help']}{default}".replace("%", "%%")
     if isinstance(spec.default, bool):
-        group.add_argument(flag, action=argparse.BooleanOptionalAction, help=help)
-    else:
-        metavar = "{" + ",".join(meta["choices"]) + "}" if meta["choices"] else type(spec.default).__name__.upper()
-        group.add_argument(flag, metavar=metavar, help=help)
+        return group.add_argument(flag, action=argparse.BooleanOptionalAction, help=help)
+    metavar = "{" + ",".join(meta["choices"]) + "}" if meta["choices"] else type(spec.default).__name__.upper()
+    return group.add_argument(flag, metavar=metavar, help=help)

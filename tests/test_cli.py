@@ -5,6 +5,7 @@ import errno
 import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ import trimesh
 from benchmarks.synthetic.colmap_scene import reconstruction, write_model
 from mgf_engine import cli
 from mgf_engine.cli import main
+from mgf_engine.cli_arguments import Parser, make_parser
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.download import WeightFile
 
@@ -290,6 +292,23 @@ def test_an_unknown_argument_is_named_with_the_one_that_was_meant(args, said, ca
     assert main(args) == 2
     error = capsys.readouterr().err
     assert said in error and error.startswith("Error: ") and error.count("\n") == 1
+
+
+def test_the_parser_lists_every_argument_that_its_help_shows() -> None:
+    commands = make_parser().commands
+    assert {"reconstruct", "mesh", "models", "georef", "town", "bench"} < set(commands)
+    for name in ("reconstruct", "models", "georef", "estimate"):
+        parser, help = commands[name]
+        shown = set(re.findall(r"(?<![\w-])--[a-z][\w-]*", parser.format_usage() + _flags_in_help(parser)))
+        listed = {flag for action in parser.arguments for flag in action.option_strings if flag.startswith("--")}
+        assert help and listed == shown
+
+
+def _flags_in_help(parser: Parser) -> str:
+    """The beginnings of the lines that stand for an argument, not the sentences beside them."""
+    return "\n".join(
+        re.split(r"\s{2,}", line.strip())[0] for line in parser.format_help().splitlines() if line[:3] == "  -"
+    )
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ REPO = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPO))
 
 from mgf_engine import algorithm_table  # noqa: E402
-from mgf_engine.cli_arguments import make_parser  # noqa: E402
+from mgf_engine.cli_arguments import Parser, make_parser  # noqa: E402
 from mgf_engine.config import PRESETS, option_fields, options_schema  # noqa: E402
 from mgf_engine.option_list import default_text  # noqa: E402
 from mgf_engine.stages import STAGE_NAMES, STAGES  # noqa: E402
@@ -118,25 +118,23 @@ def architecture_page() -> str:
     return head + "\n".join([_BEGIN, "", *rows, "", _END]) + tail
 
 
-def _commands() -> dict[str, tuple[argparse.ArgumentParser, str]]:
+def _commands() -> dict[str, tuple[Parser, str]]:
     """Name -> parser and help of every command that has arguments of its own here."""
-    (group,) = (a for a in make_parser()._actions if isinstance(a, argparse._SubParsersAction))
-    helps = {choice.dest: choice.help or "" for choice in group._choices_actions}
-    return {name: (parser, helps[name]) for name, parser in group.choices.items() if name != "bench"}
+    return {name: command for name, command in make_parser().commands.items() if name != "bench"}
 
 
-def _rows(commands: dict[str, tuple[argparse.ArgumentParser, str]], name: str) -> list[str]:
+def _rows(commands: dict[str, tuple[Parser, str]], name: str) -> list[str]:
     """The table rows of a command's own arguments; options of a job have tables of their own."""
-    actions = [a for a in commands[name][0]._actions if not isinstance(a, argparse._HelpAction)]
+    actions = [a for a in commands[name][0].arguments if "--help" not in a.option_strings]
     helps = tuple(f.metadata["help"] for f in option_fields())
     own = [a for a in actions if not (a.help or "").startswith(helps)]
     return [f"| `{_cell(_usage(action))}` | {_cell(action.help or '')} |" for action in own]
 
 
-def _arguments(parser: argparse.ArgumentParser, rows: list[str]) -> Iterator[str]:
+def _arguments(parser: Parser, rows: list[str]) -> Iterator[str]:
     if rows:
         yield from ("", "| argument | meaning |", "|---|---|", *rows)
-    taken = {a.dest for a in parser._actions}
+    taken = {a.dest for a in parser.arguments}
     sections = {f.metadata["section"] for f in option_fields() if f.name in taken}
     if "mesh" in sections:
         yield from ("", "It also takes all [options of a job](#options-of-a-job).")
