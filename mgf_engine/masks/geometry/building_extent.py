@@ -158,7 +158,7 @@ class BuildingExtent:
         """
         if self.floor is None:
             return np.zeros((h, w), bool), np.zeros((h, w), bool)
-        depth = ground_depth(view, self.floor, h, w)
+        depth = self.floor.depth(view, h, w)
         # The plane may be off by its thickness: along the ray that is more the flatter the ray.
         above = float(self.floor.height(view.centre[None])[0])
         margin = depth * min(0.5, 1.5 * self.floor.thickness / max(above, 1e-9))
@@ -249,25 +249,6 @@ def map_size(view: View) -> tuple[int, int]:
     """Return the height and width of the reduced maps of a view."""
     factor = min(1.0, MAP_SIDE / max(view.width, view.height))
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
-
-
-def ground_depth(view: View, ground: Ground, h: int, w: int) -> NDArray[np.float64]:
-    """Return the depth at which each map pixel's ray meets the ground, infinite where it does not; [h, w].
-
-    Args:
-        view: camera of the photo.
-        ground: the plane.
-        h: rows of the map.
-        w: columns of the map.
-    """
-    xs = ((np.arange(w) + 0.5) * view.width / w - view.cx) / view.fx
-    ys = ((np.arange(h) + 0.5) * view.height / h - view.cy) / view.fy
-    normal = view.rotation @ ground.normal
-    slope = normal[0] * xs[None, :] + normal[1] * ys[:, None] + normal[2]
-    above = float(ground.height(view.centre[None])[0])
-    with np.errstate(divide="ignore"):
-        depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
-    return np.where(depth > 0, depth, np.inf)
 
 
 def over_building(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.point_features import PointFeatures
-from mgf_engine.model.scene import Scene
+from mgf_engine.model.scene import Scene, View
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,23 @@ class Ground:
     def height(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Compute the height of points [N, 3] over the plane, [N]."""
         return points @ self.normal - self.level
+
+    def depth(self, view: View, h: int, w: int) -> NDArray[np.float64]:
+        """Return the depth at which each pixel's ray meets the ground, infinite where it does not; [h, w].
+
+        Args:
+            view: camera of the photo.
+            h: rows of the map, at any scale of the photo.
+            w: columns of the map.
+        """
+        xs = ((np.arange(w) + 0.5) * view.width / w - view.cx) / view.fx
+        ys = ((np.arange(h) + 0.5) * view.height / h - view.cy) / view.fy
+        normal = view.rotation @ self.normal
+        slope = normal[0] * xs[None, :] + normal[1] * ys[:, None] + normal[2]
+        above = float(self.height(view.centre[None])[0])
+        with np.errstate(divide="ignore"):
+            depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
+        return np.where(depth > 0, depth, np.inf)
 
     def holds(self, scene: Scene, shape: PointFeatures) -> NDArray[np.float64]:
         """Rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""

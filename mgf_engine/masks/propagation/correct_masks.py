@@ -22,6 +22,7 @@ from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
 from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, remove_far_background
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
+from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, MirrorTest
 from mgf_engine.masks.refinement.mirrored_sky import MirroredSkyOptions, find_mirrored_sky
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
@@ -117,8 +118,9 @@ class MaskCorrection:
         return None if thin is None else thin.explained
 
     def _ground_finder(self, plane: Ground) -> GroundFinder:
-        mirrors = MirrorTest(self.scene, plane, self.labels, self.config.algorithm(MirroredGroundOptions))
-        return GroundFinder(self.scene, plane, self.config.algorithm(GroundHomographyOptions), mirrors.confirmed)
+        photos = LabPhotos(self.scene)
+        mirrors = MirrorTest(photos, plane, self.labels, self.config.algorithm(MirroredGroundOptions))
+        return GroundFinder(photos, plane, self.config.algorithm(GroundHomographyOptions), mirrors.confirmed)
 
     def _close_panes(
         self, pierced: dict[int, _Pierced], extent: BuildingExtent, accepted: NDArray[np.bool_], voters: Sequence[int]
@@ -203,11 +205,11 @@ class MaskCorrection:
         Returns:
             whether the building is an open one.
         """
-        if not ground.shows_through(voters, lambda i: building(self.labels[i]), self.graph.threads):
+        if not ground.is_open_structure(voters, lambda i: building(self.labels[i]), self.graph.threads):
             return False
-        for index, through in self._map(lambda i: ground.through(i, self.labels[i] != BACKGROUND)):
-            self.labels[index][through.certain] = BACKGROUND
-            self.labels[index][through.possible] = IGNORE
+        for index, found in self._map(lambda i: ground.find_ground(i, self.labels[i] != BACKGROUND)):
+            self.labels[index][found.certain] = BACKGROUND
+            self.labels[index][found.possible] = IGNORE
         return True
 
     def _sky(self, index: int) -> NDArray[np.bool_]:

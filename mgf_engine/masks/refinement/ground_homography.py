@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.plane_homography import homography, spans_inside
 from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
+from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.patch_ncc import Patches
-from mgf_engine.model.scene import Scene, View
+from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 
 
@@ -96,7 +96,7 @@ class GroundFinder:
     """Finds the ground in masks by comparing photos through the plane of the ground.
 
     Args:
-        scene: photos and cameras.
+        photos: of the scene, in CIELAB.
         ground: normalised frame.
         options: which photos are compared, and how alike they must be.
         confirmed: (view, ground found in it [H, W]) -> what of it is no mirror image; all of it by default.
@@ -104,49 +104,46 @@ class GroundFinder:
 
     def __init__(
         self,
-        scene: Scene,
+        photos: LabPhotos,
         ground: Ground,
         options: GroundHomographyOptions = GroundHomographyOptions(),
         confirmed: Callable[[int, NDArray[np.bool_]], NDArray[np.bool_]] = lambda index, found: found,
     ) -> None:
         self.options, self._confirmed = options, confirmed
-        self.scene, self.ground = scene, ground
-        self._lab: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * self.options.photos)(self._read)
-        self._light: Callable[[int], NDArray[np.uint8]] = lru_cache(4 * self.options.photos)(
-            lambda i: self._lab(i)[..., 0].copy()
-        )
+        self.photos, self.ground = photos, ground
+        self.scene: Scene = photos.scene
 
-    def shows_through(
+    def is_open_structure(
         self, views: Sequence[int], mask_of: Callable[[int], NDArray[np.bool_]], threads: int = 1
     ) -> bool:
-        """Tell whether the building is an open structure, from some of the views and their masks [H, W]."""
+        """Tell whether the ground shows through the building, from some of the views and their masks [H, W]."""
 
         def share(index: int) -> tuple[int, int]:
             mask = mask_of(index)
             inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * self.options.rim + 1,) * 2, np.uint8)) > 0
-            return int((self.within(index, mask) & inside).sum()), int(inside.sum())
+            return int((self.confirmed_ground(index, mask) & inside).sum()), int(inside.sum())
 
         tried = list(views)[:: max(1, len(views) // self.options.tried)]
         found = list(parallel_map(share, tried, threads))
         return sum(ground for ground, _ in found) > self.options.open_share * sum(total for _, total in found)
 
-    def through(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
+    def find_ground(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
         """Return the ground in a mask [H, W], and what is near to it and has its colour."""
-        certain = self.within(index, mask)
-        near = mask & ~certain & _alike_around(self._lab(index), certain, self.options)
+        certain = self.confirmed_ground(index, mask)
+        near = mask & ~certain & _alike_around(self.photos.lab(index), certain, self.options)
         return GroundPixels(certain, near, self.options.reach)
 
-    def within(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def confirmed_ground(self, index: int, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return pixels of a mask [H, W] in which other photos confirm the ground, [H, W]."""
         result = np.zeros_like(mask)
         view = self.scene.views[index]
-        depth = ground_depth(view, self.ground, view.height, view.width)
+        depth = self.ground.depth(view, view.height, view.width)
         box = _box_of(mask & np.isfinite(depth))
         others = self._others(index, mask, depth) if box is not None else []
         if box is None or len(others) < self.options.least_photos:
             return result
-        patches = Patches(self._lab(index)[box.part], self.options.texture)
-        pictures, seen = self._through(index, others, self._lab, box, self.ground)
+        patches = Patches(self.photos.lab(index)[box.part], self.options.texture)
+        pictures, seen = self._warp(index, others, self.photos.lab, box, self.ground)
         fits, colours, level = patches.compare(
             pictures,
             seen,
@@ -165,9 +162,6 @@ class GroundFinder:
         dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), self.options.spread) > self.options.dense
         result[box.part] = mask[box.part] & dense & (colours > -self.options.colour)
         return self._confirmed(index, _without_specks(result, self.options))
-
-    def _read(self, index: int) -> NDArray[np.uint8]:
-        return np.asarray(cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB), np.uint8)
 
     def _others(self, index: int, mask: NDArray[np.bool_], depth: NDArray[np.float64]) -> list[int]:
         """Return photos that see the ground behind the mask from beside, the nearest first."""
@@ -198,11 +192,11 @@ class GroundFinder:
             # Raised by h, the plane comes nearer by h / over of the depth; seen from aside that is a parallax.
             raised = pixels * over * depth / (view.fx * float(aside))
             plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
-            lights, seen = self._through(index, others, self._light, box, plane)
+            lights, seen = self._warp(index, others, self.photos.lightness, box, plane)
             result[row] = patches.correlate(lights, seen, _counting(len(others), self.options))
         return result
 
-    def _through(
+    def _warp(
         self, index: int, others: list[int], picture: Callable[[int], NDArray[np.uint8]], box: _Box, ground: Ground
     ) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
         """Return other photos, or what was made of them [H, W] or [H, W, 3], as the plane puts them into the box.
@@ -219,27 +213,6 @@ class GroundFinder:
             cv2.warpPerspective(picture(other), matrix, size, dst=warped[row], flags=flags)
             seen[row] = spans_inside(matrix, self.scene.views[other], size)
         return warped, seen
-
-
-def spans_inside(matrix: NDArray[np.float64], view: View, size: tuple[int, int]) -> NDArray[np.int32]:
-    """Return pixels of a picture of a size (w, h) that a homography [3, 3] puts inside the frame of a view, before it.
-
-    Along a row all that has to hold is linear in x, so what is inside is one span of it.
-
-    Returns:
-        the first and one past the last pixel of each row, [h, 2]; the same or less where there is none.
-    """
-    width, height = size
-    u, v, w = matrix
-    rules = np.stack([w, u, v, (view.width - 1) * w - u, (view.height - 1) * w - v])  # each at least 0, w above
-    at_zero = rules[:, 1:2] * np.arange(height) + rules[:, 2:] - np.array([[1e-9], [0], [0], [0], [0]])
-    slope = rules[:, :1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        zero = -at_zero / slope
-    first = np.where(slope > 0, zero, np.where((slope == 0) & (at_zero < 0), np.inf, -np.inf)).max(0)
-    last = np.where(slope < 0, zero, np.inf).min(0)
-    ends = np.stack([np.ceil(first), np.floor(last) + 1], 1)
-    return np.clip(ends, 0, width).astype(np.int32)
 
 
 def _counting(photos: int, o: GroundHomographyOptions) -> int:
@@ -265,19 +238,6 @@ def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_], o: GroundHo
 def near_ground(ground: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Return pixels of the ground and up to ``reach`` px around it, [H, W]."""
     return np.asarray(cv2.dilate(ground.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0, bool)
-
-
-def homography(view: View, other: View, ground: Ground) -> NDArray[np.float64]:
-    """Return the homography [3, 3], pixel indices of ``view`` -> those of ``other``, for what lies on the plane; w > 0
-    before the camera."""
-    turn = other.rotation @ view.rotation.T
-    shift = other.rotation @ (view.centre - other.centre)
-    height = float(ground.height(view.centre[None])[0])
-    # A ray d of the view meets the plane at d * (height / -(normal . d)).
-    matrix = turn * height - np.outer(shift, view.rotation @ ground.normal)
-    to_index = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])  # of the pixel whose centre is there
-    own, others = to_index @ view.intrinsics, to_index @ other.intrinsics
-    return np.asarray(others @ matrix @ np.linalg.inv(own), np.float64)
 
 
 def _box_of(mask: NDArray[np.bool_]) -> _Box | None:

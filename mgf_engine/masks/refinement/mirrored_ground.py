@@ -7,18 +7,17 @@ it. Photos that see the place beside the building, or from its other side, show 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
-from mgf_engine.masks.refinement.ground_homography import homography
+from mgf_engine.masks.geometry.plane_homography import homography
+from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.scene import Scene
 
@@ -52,7 +51,7 @@ class MirrorTest:
     """Compares ground in the masks with what photos from other sides show of it.
 
     Args:
-        scene: photos and cameras.
+        photos: of the scene, in CIELAB.
         ground: normalised frame.
         labels: label maps of all photos [H, W], as they are before any ground is cut out.
         options: which photos are compared, and how alike they must be.
@@ -60,12 +59,13 @@ class MirrorTest:
 
     def __init__(
         self,
-        scene: Scene,
+        photos: LabPhotos,
         ground: Ground,
         labels: Sequence[NDArray[np.uint8]],
         options: MirroredGroundOptions = MirroredGroundOptions(),
     ) -> None:
-        self.scene, self.ground, self.options = scene, ground, options
+        self.photos, self.ground, self.options = photos, ground, options
+        self.scene: Scene = photos.scene
         side = 2 * options.beside + 1
         # At a quarter of the size: which pixels are near the mask.
         self._near_mask = [
@@ -74,7 +74,6 @@ class MirrorTest:
                 (-(-label.shape[1] // 4), -(-label.shape[0] // 4)), interpolation=cv2.INTER_NEAREST,
             ) for label in labels
         ]  # fmt: skip
-        self._light: Callable[[int], NDArray[np.float32]] = lru_cache(2 * options.photos)(self._read)
 
     def confirmed(self, index: int, found: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return what photos from other sides confirm of the ground found in a photo, [H, W].
@@ -87,7 +86,7 @@ class MirrorTest:
         pixels = _grid(found, o)
         if not len(pixels):
             return result
-        depth = ground_depth(view, self.ground, view.height, view.width)[pixels[:, 1], pixels[:, 0]]
+        depth = self.ground.depth(view, view.height, view.width)[pixels[:, 1], pixels[:, 0]]
         score = self._agreement(index, pixels, view.unproject(pixels + 0.5, depth))
         known = np.isfinite(score)
         total, weight = np.zeros((2, *found.shape), np.float32)
@@ -150,9 +149,9 @@ class MirrorTest:
         cosine = (first * second).sum(-1) / np.maximum(length, 1e-12)
         return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))), np.float64)
 
-    def _read(self, index: int) -> NDArray[np.float32]:
-        lab = cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB)
-        return np.asarray(lab[..., 0].astype(np.float32) * np.float32(100 / 255))
+    def _light(self, index: int) -> NDArray[np.float32]:
+        """Return the lightness of a photo, 0..100, [H, W]."""
+        return self.photos.lightness(index).astype(np.float32) * np.float32(100 / 255)
 
 
 def _grid(found: NDArray[np.bool_], o: MirroredGroundOptions) -> NDArray[np.int64]:

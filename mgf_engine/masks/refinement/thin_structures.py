@@ -66,9 +66,9 @@ class ThinStructures:
         covered = self.hull.cover(view) & ~building(shown)
         shown[covered] = IGNORE
         if ground is not None:
-            through = ground.through(index, covered)
-            shown[covered & near_ground(through.certain, through.reach) & ~through.possible] = BUILDING
-            shown[through.certain] = BACKGROUND
+            found = ground.find_ground(index, covered)
+            shown[covered & near_ground(found.certain, found.reach) & ~found.possible] = BUILDING
+            shown[found.certain] = BACKGROUND
         seen = self.outlines[index]
         shown[covered & seen.empty] = BACKGROUND
         shown[covered & seen.solid] = BUILDING

@@ -12,7 +12,6 @@ from mgf_engine.masks.geometry.building_extent import (
     BuildingExtent,
     Visibility,
     _convex_hull,
-    ground_depth,
     map_size,
     over_building,
 )
@@ -174,15 +173,6 @@ def test_hidden_where_expected_points_are_missing(scene: Scene, extent: Building
     assert at(extent.place(2).hidden, scene.views[2], right)
     assert not at(extent.place(2).hidden, scene.views[2], left)
     assert not at(extent.place(1).hidden, scene.views[1], right)
-
-
-def test_ground_depth_is_exact(scene: Scene, extent: BuildingExtent):
-    assert extent.floor is not None
-    view = scene.views[1]
-    depth = ground_depth(view, extent.floor, 100, 150)
-    uv, true = view.project(np.array([[0.5, -2.0, extent.floor.level]]))
-    assert depth[int(uv[0, 1] / 2), int(uv[0, 0] / 2)] == pytest.approx(true[0], rel=0.03)
-    assert np.isinf(depth[0]).all()  # above the horizon
 
 
 def test_nothing_kept(scene: Scene):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.analytic import camera
 from support.small_scene import make_scene, view
 
 from mgf_engine.masks.geometry.ground_plane import Ground, GroundPlaneOptions, find_ground
@@ -54,3 +55,19 @@ def test_a_roof_with_points_below_it_is_no_ground() -> None:
 def test_steep_planes_and_few_points_are_none() -> None:
     assert ground_of(plane(0.0, slope=0.8), 9.0) is None
     assert ground_of(plane(0.0, count=30), 9.0, GroundPlaneOptions(least_support=40)) is None
+
+
+def test_depth_of_the_ground_is_that_of_its_points() -> None:
+    ground, above = Ground(np.array([0.0, 0.0, 1.0]), 0.5, 0.01), camera((4.0, 1.0, 3.0))
+    uv, wanted = above.project(np.array([[0.2, 0.5, 0.5], [-1.0, 0.3, 0.5]]))
+    for scale in (1, 2):  # a map of half the photo's size has the same depths
+        depth = ground.depth(above, above.height // scale, above.width // scale)
+        column, row = np.floor(uv.T / scale).astype(int)
+        np.testing.assert_allclose(depth[row, column], wanted, rtol=0.01 * scale)
+
+
+def test_rays_over_the_horizon_never_meet_the_ground() -> None:
+    ground, level = Ground(np.array([0.0, 0.0, 1.0]), 0.0, 0.01), camera((4.0, 1.0, 3.0), target=(0.0, 0.0, 3.0))
+    depth = ground.depth(level, level.height, level.width)
+    assert np.isinf(depth[: level.height // 2]).all()
+    assert np.isfinite(depth[level.height // 2 :]).all()

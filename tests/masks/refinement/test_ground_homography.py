@@ -12,9 +12,9 @@ import pytest
 from mast import UP, make_scene
 from numpy.typing import NDArray
 
-from mgf_engine.masks.geometry.building_extent import ground_depth
 from mgf_engine.masks.geometry.ground_plane import Ground
-from mgf_engine.masks.refinement.ground_homography import GroundFinder, homography, spans_inside
+from mgf_engine.masks.refinement.ground_homography import GroundFinder
+from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.mirrored_ground import MirrorTest
 from mgf_engine.model.scene import View
 
@@ -62,7 +62,7 @@ def photograph(
     solid = (np.abs(wall[..., 1]) < HALF) & (wall[..., 2] > 0) & (wall[..., 2] < TOP)
     if lattice:
         solid &= (np.mod(wall[..., 1:] + BAR / 2, STEP) < BAR).any(-1)
-    ground = view.centre + rays * ground_depth(view, GROUND, HEIGHT, WIDTH)[..., None]
+    ground = view.centre + rays * GROUND.depth(view, HEIGHT, WIDTH)[..., None]
     front = texture(1, wall[..., 1:] * (0 if boards else 1, 1))
     if mirror:  # the ray that is thrown back meets the ground where the ray that passes would, on this side
         front = texture(0, ground[..., :2] * (-1, 1))
@@ -75,7 +75,7 @@ def seen_in(
     scene = make_scene(folder, views)
     for view in views:
         cv2.imwrite(str(folder / view.file), photograph(view, lattice, boards, mirror)[0])
-    return GroundFinder(replace(scene, folder=folder), GROUND)
+    return GroundFinder(LabPhotos(replace(scene, folder=folder)), GROUND)
 
 
 @pytest.fixture(scope="module")
@@ -93,45 +93,10 @@ def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     return (cv2.dilate if pixels > 0 else cv2.erode)(mask.astype(np.uint8), kernel) > 0
 
 
-def test_the_plane_leads_from_one_photo_to_the_other() -> None:
-    matrix = homography(VIEWS[3], VIEWS[9], GROUND)
-    spots = np.array([[0.3, -0.4, 0.0], [-1.0, 0.7, 0.0]])
-    first, second = (view.project(spots)[0] - 0.5 for view in (VIEWS[3], VIEWS[9]))
-    found = np.c_[first, np.ones(2)] @ matrix.T
-    assert (found[:, 2] > 0).all()
-    np.testing.assert_allclose(found[:, :2] / found[:, 2:], second, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 5])
-def test_what_lies_in_another_frame_is_one_span_of_each_row(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    matrix = np.eye(3) + rng.normal(0, (0.3, 0.3, 40), (3, 3)) * ((1, 1, 1), (1, 1, 1), (0.01, 0.01, 0.01))
-    if seed == 0:
-        matrix = np.array([[1.0, 0, 0], [0, 1, 30], [0, 0, 1]])  # nothing changes along a row but u
-    if seed == 1:
-        matrix[2, 2] = -1.0  # all but a corner lies behind the camera
-    view = replace(VIEWS[0], width=70, height=50)
-    y, x = np.mgrid[:60, :90]
-    u, v, w = np.einsum("ij,jhw->ihw", matrix, np.stack([x, y, np.ones_like(x)]).astype(float))
-    expected = (w > 1e-9) & (u >= 0) & (v >= 0) & (u <= 69 * w) & (v <= 49 * w)
-    assert 0 < expected.sum() < expected.size or seed == 1
-    first, end = spans_inside(matrix, view, (90, 60)).T[:, :, None]
-    np.testing.assert_array_equal((np.arange(90) >= first) & (np.arange(90) < end), expected)
-
-
-def test_depth_of_the_ground_is_that_of_its_points() -> None:
-    uv, wanted = VIEWS[0].project(np.array([[0.2, 0.5, 0.0]]))
-    column, row = np.floor(uv[0]).astype(int)
-    assert abs(ground_depth(VIEWS[0], GROUND, HEIGHT, WIDTH)[row, column] / wanted[0] - 1) < 0.01
-    level = replace(VIEWS[0], rotation=np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]]))
-    assert np.isinf(ground_depth(level, GROUND, HEIGHT, WIDTH)[: HEIGHT // 2]).all()  # over the horizon
-    assert np.isfinite(ground_depth(level, GROUND, HEIGHT, WIDTH)[HEIGHT // 2 :]).all()
-
-
 def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundFinder) -> None:
     _, bars = photograph(VIEWS[MIDDLE], True)
     _, mask = photograph(VIEWS[MIDDLE], False)
-    found = frame.through(MIDDLE, mask)
+    found = frame.find_ground(MIDDLE, mask)
     between = mask & ~bars
     assert (found.certain & between).sum() > 0.6 * between.sum()
     assert (found.certain & bars).sum() < 0.1 * bars.sum()  # one bar lies on the ground
@@ -142,7 +107,7 @@ def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundFinder) -> N
 def test_the_foot_of_a_wall_is_not_taken_for_ground(wall: GroundFinder) -> None:
     """Near its foot the ground fits nearly as well as the wall does."""
     _, mask = photograph(VIEWS[MIDDLE], False)
-    found = wall.within(MIDDLE, grown(mask, 12))
+    found = wall.confirmed_ground(MIDDLE, grown(mask, 12))
     assert (found & grown(mask, -2)).sum() < 0.005 * mask.sum()
     assert (found & ~mask).sum() > 0.6 * (grown(mask, 12) & ~mask).sum()
 
@@ -151,9 +116,9 @@ def test_only_what_is_open_is_cut(frame: GroundFinder, wall: GroundFinder) -> No
     def mask_of(index: int) -> NDArray[np.bool_]:
         return photograph(VIEWS[index], False)[1]
 
-    assert frame.shows_through(range(len(VIEWS)), mask_of)
-    assert not wall.shows_through(range(len(VIEWS)), mask_of)
-    assert not frame.shows_through([], mask_of)
+    assert frame.is_open_structure(range(len(VIEWS)), mask_of)
+    assert not wall.is_open_structure(range(len(VIEWS)), mask_of)
+    assert not frame.is_open_structure([], mask_of)
 
 
 def test_boards_along_the_ground_are_none(tmp_path: Path) -> None:
@@ -161,9 +126,9 @@ def test_boards_along_the_ground_are_none(tmp_path: Path) -> None:
     street = [look_down(angle, 0.9) for angle in np.linspace(-0.7, 0.7, 13)]
     boards = seen_in(tmp_path, False, street, boards=True)
     mask = photograph(street[MIDDLE], False)[1]
-    assert boards.within(MIDDLE, mask).sum() < 0.015 * mask.sum()
+    assert boards.confirmed_ground(MIDDLE, mask).sum() < 0.015 * mask.sum()
     blind = replace(boards.options, distinct=-2.0)
-    assert GroundFinder(boards.scene, GROUND, blind).within(MIDDLE, mask).sum() > 0.1 * mask.sum()
+    assert GroundFinder(boards.photos, GROUND, blind).confirmed_ground(MIDDLE, mask).sum() > 0.1 * mask.sum()
 
 
 @pytest.mark.parametrize("mirror", [False, True])
@@ -172,26 +137,26 @@ def test_ground_that_a_pane_mirrors_is_none(tmp_path: Path, mirror: bool) -> Non
     around = [look_down(angle, 3.0 + 1.5 * (k % 3)) for k, angle in enumerate(np.arange(0.1, 2 * np.pi, 0.15))]
     plain = seen_in(tmp_path, not mirror, around, mirror=mirror)
     masks = [photograph(view, False)[1] for view in around]
-    test = MirrorTest(plain.scene, GROUND, [mask.astype(np.uint8) for mask in masks])
-    finder = GroundFinder(plain.scene, GROUND, confirmed=test.confirmed)
-    before, after = plain.within(2, grown(masks[2], 12)), finder.within(2, grown(masks[2], 12))
+    test = MirrorTest(plain.photos, GROUND, [mask.astype(np.uint8) for mask in masks])
+    finder = GroundFinder(plain.photos, GROUND, confirmed=test.confirmed)
+    before, after = plain.confirmed_ground(2, grown(masks[2], 12)), finder.confirmed_ground(2, grown(masks[2], 12))
     assert not (after & ~before).any() and (before & masks[2]).sum() > 0.4 * masks[2].sum()
     kept = (after & masks[2]).sum() / (before & masks[2]).sum()
     assert kept < 0.15 if mirror else kept > 0.95
     facing = range(4)
-    assert plain.shows_through(facing, lambda i: masks[i])
-    assert mirror or finder.shows_through(facing, lambda i: masks[i])
+    assert plain.is_open_structure(facing, lambda i: masks[i])
+    assert mirror or finder.is_open_structure(facing, lambda i: masks[i])
 
 
 def test_what_no_photo_sees_from_another_side_is_not_confirmed(frame: GroundFinder) -> None:
     mask = photograph(VIEWS[MIDDLE], False)[1]
-    found = frame.within(MIDDLE, mask)
-    everywhere = MirrorTest(frame.scene, GROUND, [np.ones_like(mask, np.uint8) for _ in VIEWS])
+    found = frame.confirmed_ground(MIDDLE, mask)
+    everywhere = MirrorTest(frame.photos, GROUND, [np.ones_like(mask, np.uint8) for _ in VIEWS])
     assert found.any() and not everywhere.confirmed(MIDDLE, found).any()
     assert not everywhere.confirmed(MIDDLE, np.zeros_like(mask)).any()
 
 
 def test_too_few_photos_tell_nothing(frame: GroundFinder) -> None:
-    few = GroundFinder(replace(frame.scene, views=frame.scene.views[:3]), GROUND)
-    assert not few.within(1, np.ones((HEIGHT, WIDTH), bool)).any()
-    assert not frame.within(MIDDLE, np.zeros((HEIGHT, WIDTH), bool)).any()
+    few = GroundFinder(LabPhotos(replace(frame.scene, views=frame.scene.views[:3])), GROUND)
+    assert not few.confirmed_ground(1, np.ones((HEIGHT, WIDTH), bool)).any()
+    assert not frame.confirmed_ground(MIDDLE, np.zeros((HEIGHT, WIDTH), bool)).any()
