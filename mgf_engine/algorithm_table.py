@@ -67,6 +67,8 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("building_extent", "masks", "Extent of the building in the photos", "masks.geometry.building_extent:ExtentOptions", also=("preview",)),
     Algorithm("appearance", "masks", "Models of colour and texture of building and background", "masks.propagation.appearance:AppearanceOptions", also=("preview",)),
     Algorithm("ground_plan", "masks", "Ground plan of the building", "masks.geometry.ground_plan:GroundPlanOptions", also=("preview",)),
+    Algorithm("superstructures", "masks", "Spires and chimneys that stand on the roof", "masks.geometry.superstructures:SuperstructureOptions", also=("preview",)),
+    Algorithm("point_visibility", "masks", "Points that a photo should observe", "masks.geometry.point_visibility:PointVisibilityOptions", also=("preview",)),
     Algorithm("silhouettes", "masks", "Silhouettes of the other photos as evidence", "masks.geometry.silhouette_consistency:SilhouetteConsistencyOptions", also=("preview",)),
     Algorithm("superpixels", "masks", "Superpixels of each photo", "masks.propagation.superpixels:SuperpixelOptions", also=("preview",)),
     Algorithm("prompt_outliers", "masks", "Cross-validation of clicks", "masks.propagation.prompt_outliers:PromptOutlierOptions"),

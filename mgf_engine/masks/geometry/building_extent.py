@@ -26,12 +26,12 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plan import GroundPlan, GroundPlanOptions
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs
-from mgf_engine.masks.geometry.plan_grid import PlanGrid, inside
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.geometry.point_surface import Columns, Map, SurfaceOptions, make_surface
+from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.image_ops import disc, enclosed
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.gravity import GravityOptions, horizontal_axes, looking_down
+from mgf_engine.scene.gravity import GravityOptions, looking_down
 
 #: Maps are drawn on a photo of about this longest side.
 MAP_SIDE = 250
@@ -46,18 +46,7 @@ class ExtentOptions:
         10.0, "Percentile of the photos' distances up to which photos are the nearest", high=100
     )
     core: float = parameter(1.5, "Size of the gaps between points that are closed", "point spacings")
-    same_side: float = parameter(
-        0.94, "Minimum cosine between two viewing directions that should see the same points", high=1
-    )
-    steep: float = parameter(0.35, "Minimum cosine to the normal at which a photo should see a point", high=1)
     expected: float = parameter(8.0, "Number of expected points in the window in which they are counted", low=0.1)
-    plan_side: int = parameter(64, "Number of cells along the longer side of the ground plan", low=4)
-    plan_close: float = parameter(
-        0.12, "Half width of gaps that belong to the ground plan, as a share of its longer side", high=1
-    )
-    over_share: float = parameter(
-        0.7, "Height above the plan from which a point stands on the building, as a share of the height around"
-    )
     hull_piece: float = parameter(0.1, "Minimum share of the core of a piece that widens the convex hull", high=1)
     hidden_blur: tuple[float, float] = parameter(
         (5.0, 14.0), "Standard deviation of the smallest and the largest window, on the map", "px", low=0.1
@@ -97,12 +86,12 @@ class BuildingExtent:
         shape: PointFeatures,
         keep: Map,
         ground: Ground | None,
-        visibility: Visibility,
+        visibility: PointVisibility,
         others: Map | None = None,
         options: ExtentOptions = ExtentOptions(),
     ) -> None:
         self.options = options
-        keep = keep & _supported(shape, keep)
+        keep = keep & shape.supported(keep)
         self.scene, self.keep, self.ground = scene, keep, ground
         self.visibility = visibility
         fine = self.options.fine * _map_pixel(scene, keep, self.options)
@@ -114,7 +103,7 @@ class BuildingExtent:
             columns = Columns(over, ground)
         self.columns = make_surface(scene, shape, keep, False, columns, fine, options.surface)
         self.body = make_surface(scene, shape, keep, True, columns, fine, options.surface)
-        others = np.zeros(len(keep), bool) if others is None else others & _supported(shape, others)
+        others = np.zeros(len(keep), bool) if others is None else others & shape.supported(others)
         self.others = make_surface(scene, shape, others, True, None, fine, options.surface)
         self.floor = ground or _lowest(scene, shape, keep)
 
@@ -196,46 +185,6 @@ class BuildingExtent:
         return (local[0] > 0.6 * self.options.expected) & (local[1] < 0.2 * usual * local[0])
 
 
-class Visibility:
-    """Which points each photo observed, and which it should have: a camera close by did.
-
-    Args:
-        sparse: so many of the points, the first, are of structure from motion; of others no photo is expected to have
-            a track. None for all.
-    """
-
-    def __init__(
-        self, scene: Scene, shape: PointFeatures, sparse: int | None = None, options: ExtentOptions = ExtentOptions()
-    ) -> None:
-        self.options = options
-        self.scene, self.shape, self.owner = scene, shape, scene.track_point
-        self._tracked = np.arange(len(scene.points)) < (len(scene.points) if sparse is None else sparse)
-        centres = np.stack([v.centre for v in scene.views])
-        self._rays = scene.points[self.owner] - centres[scene.track_view]
-        self._lengths = np.linalg.norm(self._rays, axis=1)
-        self._expected: dict[int, NDArray[np.bool_]] = {}
-
-    def observed(self, index: int) -> NDArray[np.bool_]:
-        """Return points whose track goes through view ``index``, [P]."""
-        result = np.zeros(len(self.scene.points), bool)
-        result[self.owner[self.scene.observations(index)]] = True
-        return result
-
-    def expected(self, index: int) -> NDArray[np.bool_]:
-        """Return points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
-        if index not in self._expected:
-            towards = self.scene.points - self.scene.views[index].centre
-            length = np.linalg.norm(towards, axis=1)
-            facing = np.abs((towards * self.shape.normals).sum(1)) > self.options.steep * length
-            mine = length[self.owner]
-            cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
-            alike = (cosine > self.options.same_side) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
-            result = np.zeros(len(self.scene.points), bool)
-            result[self.owner[alike]] = True
-            self._expected[index] = ((result & facing) | self.observed(index)) & self._tracked
-        return self._expected[index]
-
-
 def _map_pixel(scene: Scene, keep: Map, o: ExtentOptions) -> float:
     """Return the side of a map pixel at the kept points, in the photos taken from closest by; normalised units."""
     if not keep.any():
@@ -249,47 +198,6 @@ def map_size(view: View) -> tuple[int, int]:
     """Return the height and width of the reduced maps of a view."""
     factor = min(1.0, MAP_SIDE / max(view.width, view.height))
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
-
-
-def over_building(
-    points: NDArray[np.float64], keep: Map, shape: PointFeatures, options: ExtentOptions = ExtentOptions()
-) -> Map:
-    """Return points that stand on the building: above its ground plan and not low, as spires and chimneys do, [P].
-
-    Args:
-        points: [P, 3]; keep: [P], points of the building.
-        shape: direction of "up" and what is known of each point.
-        options: how far above the plan, and how high, points must lie.
-    """
-    keep = keep & _supported(shape, keep)
-    if keep.sum() < 10:
-        return np.zeros(len(points), bool)
-    axes, height = horizontal_axes(shape.up), points @ shape.up
-    plan = (points @ axes.T)[keep]
-    low, high = plan.min(0), plan.max(0)
-    grid = PlanGrid(axes, low, max(float((high - low).max()) / options.plan_side, 1e-9))
-    reach = round(options.plan_close * options.plan_side)
-    size = np.ceil((high - low) / grid.cell).astype(int) + 1 + 2 * reach
-    at = grid.cells(points) + reach
-    mapped, at = inside(at, size), np.clip(at, 0, size - 1)
-    top = np.full(size, -np.inf, np.float32)
-    np.maximum.at(top, tuple(at[keep].T), height[keep])
-    closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, disc(reach))
-    area = enclosed(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
-    floor = float(np.percentile(height[keep], 1))
-    tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), disc(reach))
-    tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
-    x, y = at.T
-    return np.asarray(mapped & area[x, y] & (height - floor > options.over_share * tall[x, y]), bool)
-
-
-def _supported(shape: PointFeatures, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return kept points that are not alone: close enough to neighbours of which enough are kept."""
-    if not keep.any():
-        return keep
-    first, second = shape.pairs[:, 0], shape.pairs[:, 1]
-    share = np.bincount(first, keep[second], len(keep)) / np.maximum(np.bincount(first, minlength=len(keep)), 1)
-    return (share >= 0.5) & (shape.spacing < 4 * np.median(shape.spacing[keep]))
 
 
 def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> Ground | None:

@@ -54,6 +54,14 @@ class PointFeatures:
     closeness: NDArray[np.float64]
     astray: NDArray[np.bool_]
 
+    def supported(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return kept points that are not alone: close enough to neighbours of which half are kept; bool [P]."""
+        if not keep.any():
+            return keep
+        first, second = self.pairs[:, 0], self.pairs[:, 1]
+        share = np.bincount(first, keep[second], len(keep)) / np.maximum(np.bincount(first, minlength=len(keep)), 1)
+        return (share >= 0.5) & (self.spacing < 4 * np.median(self.spacing[keep]))
+
 
 def measure_point_features(
     scene: Scene, up: NDArray[np.float64] | None = None, options: PointFeatureOptions = PointFeatureOptions()

@@ -15,17 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.masks.geometry.building_extent import (
-    BuildingExtent,
-    ExtentOptions,
-    ViewRegions,
-    Visibility,
-    over_building,
-)
+from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions, ViewRegions
 from mgf_engine.masks.geometry.floating_points import sky_behind
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
+from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
+from mgf_engine.masks.geometry.superstructures import find_superstructures
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.superpixels import Regions
@@ -70,7 +66,7 @@ class GeometricOdds:
         added = graph.full is not graph.scene
         features = self.options.features
         self.full_shape = measure_point_features(graph.full, graph.shape.up, features) if added else graph.shape
-        self.visibility = Visibility(graph.full, self.full_shape, len(graph.scene.points), extent)
+        self.visibility = PointVisibility(graph.full, self.full_shape, len(graph.scene.points), self.options.visibility)
         pieces = np.split(graph.sky, graph.start[1:])
         photos = zip(graph.scene.views, graph.regions, pieces, strict=False)  # the last pieces are the points'
         self._sky_behind = sky_behind(graph.full.points, photos, self.options.floating)
@@ -109,7 +105,7 @@ class GeometricOdds:
         point_odds += own.apart_odds * apart
         if keep.sum() < 10:
             return evidence
-        over[:] = over_building(graph.scene.points, keep, graph.shape, self._extent_options)
+        over[:] = find_superstructures(graph.scene.points, keep, graph.shape, own.superstructures)
         evidence.odds[:] += own.over_odds * evidence.over
         keep |= over & (points > own.other_below)
         others = apart | ((points < own.other_below) & ~point_grounded & ~over & self._far_from(keep))

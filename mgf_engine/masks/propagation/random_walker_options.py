@@ -9,7 +9,9 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.floating_points import FloatingPointOptions
 from mgf_engine.masks.geometry.ground_plane import GroundPlaneOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions
+from mgf_engine.masks.geometry.point_visibility import PointVisibilityOptions
 from mgf_engine.masks.geometry.silhouette_consistency import SilhouetteConsistencyOptions
+from mgf_engine.masks.geometry.superstructures import SuperstructureOptions
 from mgf_engine.masks.propagation.appearance import AppearanceOptions
 
 
@@ -71,5 +73,7 @@ class RandomWalkerOptions:
     silhouettes: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions()
     floating: FloatingPointOptions = FloatingPointOptions()
     ground: GroundPlaneOptions = GroundPlaneOptions()
+    visibility: PointVisibilityOptions = PointVisibilityOptions()
+    superstructures: SuperstructureOptions = SuperstructureOptions()
     features: PointFeatureOptions = PointFeatureOptions()
     appearance: AppearanceOptions = AppearanceOptions()

@@ -8,15 +8,10 @@ import numpy as np
 import pytest
 from support.level_camera import camera
 
-from mgf_engine.masks.geometry.building_extent import (
-    BuildingExtent,
-    Visibility,
-    _convex_hull,
-    map_size,
-    over_building,
-)
+from mgf_engine.masks.geometry.building_extent import BuildingExtent, _convex_hull, map_size
 from mgf_engine.masks.geometry.ground_plane import _draws, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
+from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.scene.gravity import up_from_cameras
 
@@ -52,7 +47,7 @@ def scene() -> Scene:
 def extent(scene: Scene) -> BuildingExtent:
     shape = measure_point_features(scene)
     ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
-    return BuildingExtent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, Visibility(scene, shape))
+    return BuildingExtent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, PointVisibility(scene, shape))
 
 
 def at(plane: np.ndarray, view: View, point: list[float]) -> object:
@@ -118,7 +113,7 @@ def test_a_ray_that_meets_the_ground_within_the_plan_has_passed_a_wall(scene: Sc
     keep = np.arange(len(with_ground)) < count
     ground = find_ground(bare, shape, (~keep).astype(float), 0)
     assert ground is not None
-    place = BuildingExtent(bare, shape, keep, ground, Visibility(bare, shape)).place(1)
+    place = BuildingExtent(bare, shape, keep, ground, PointVisibility(bare, shape)).place(1)
     view = bare.views[1]
     assert at(place.core, view, [0, 0, 0.4]) and not at(place.ground_first, view, [0, 0, 0.4])
     assert at(place.ground_first, view, [0, -0.6, 0]) and not at(place.core, view, [0, -0.6, 0])
@@ -131,7 +126,7 @@ def test_a_point_astray_adds_nothing(scene: Scene):
     astray.points[first] = [2.4, 0, 2.8]
     shape = measure_point_features(astray)
     keep = np.repeat([True, False], [WALL, GROUND])
-    place = BuildingExtent(astray, shape, keep, None, Visibility(astray, shape)).place(1)
+    place = BuildingExtent(astray, shape, keep, None, PointVisibility(astray, shape)).place(1)
     assert not at(place.reach, scene.views[1], [2.4, 0, 2.8]) and at(place.reach, scene.views[1], [1.8, 0, 2.8])
 
 
@@ -149,25 +144,6 @@ def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: 
     assert before.sum() > 50 and not within[before].any()
 
 
-def test_a_spire_stands_on_the_building_and_a_tree_beside_it_does_not():
-    rng = np.random.default_rng(1)
-    side, along, height = rng.integers(0, 4, 2000), rng.uniform(-2, 2, 2000), rng.uniform(0, 3, 2000)
-    edge = np.where(side % 2, 2.0, -2.0)
-    walls = np.stack([np.where(side < 2, along, edge), np.where(side < 2, edge, along), height], 1)
-    spire = np.stack([rng.normal(0, 0.1, 40), rng.normal(0, 0.1, 40), rng.uniform(3.2, 5, 40)], 1)
-    tree = spire + np.array([5.0, 0, -1])
-    yard = np.stack([rng.uniform(-1, 1, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 1, 40)], 1)
-    points = np.concatenate([walls, spire, tree, yard])
-    blank = Scene(
-        (camera(0),), points, np.zeros((len(points), 3), np.uint8), np.zeros(len(points), np.float32),
-        np.zeros(len(points) + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32),
-        Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path("."),
-    )  # fmt: skip
-    over = over_building(points, np.arange(len(points)) < 2000, measure_point_features(blank))
-    assert over[2000:2040].all() and not over[2040:2080].any() and not over[2080:].any()
-    assert not over_building(points, np.zeros(len(points), bool), measure_point_features(blank)).any()
-
-
 def test_hidden_where_expected_points_are_missing(scene: Scene, extent: BuildingExtent):
     right, left = [1.4, 0, 2.0], [-1.0, 0, 2.0]
     assert at(extent.place(2).hidden, scene.views[2], right)
@@ -177,7 +153,7 @@ def test_hidden_where_expected_points_are_missing(scene: Scene, extent: Building
 
 def test_nothing_kept(scene: Scene):
     shape = measure_point_features(scene)
-    empty = BuildingExtent(scene, shape, np.zeros(WALL + GROUND, bool), None, Visibility(scene, shape)).place(0)
+    empty = BuildingExtent(scene, shape, np.zeros(WALL + GROUND, bool), None, PointVisibility(scene, shape)).place(0)
     assert not empty.core.any() and not empty.ground_first.any() and not empty.hidden.any()
 
 

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which sparse points a photo observed, and which it should have observed: something stands before the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.masks.geometry.point_features import PointFeatures
+from mgf_engine.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class PointVisibilityOptions:
+    """Options of the points that a photo should observe."""
+
+    same_side: float = parameter(
+        0.94, "Minimum cosine between two viewing directions that should see the same points", high=1
+    )
+    steep: float = parameter(0.35, "Minimum cosine to the normal at which a photo should see a point", high=1)
+
+
+class PointVisibility:
+    """Which points each photo observed, and which it should have: a camera close by did.
+
+    Args:
+        scene: photos, points and their tracks.
+        shape: normals of the points.
+        sparse: number of points, the first ones, that are of structure from motion; of others no photo is expected to
+            have a track. None for all.
+        options: which cameras should see the same points.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        shape: PointFeatures,
+        sparse: int | None = None,
+        options: PointVisibilityOptions = PointVisibilityOptions(),
+    ) -> None:
+        self.options = options
+        self.scene, self.shape, self.owner = scene, shape, scene.track_point
+        self._tracked = np.arange(len(scene.points)) < (len(scene.points) if sparse is None else sparse)
+        centres = np.stack([v.centre for v in scene.views])
+        self._rays = scene.points[self.owner] - centres[scene.track_view]
+        self._lengths = np.linalg.norm(self._rays, axis=1)
+        self._expected: dict[int, NDArray[np.bool_]] = {}
+
+    def observed(self, index: int) -> NDArray[np.bool_]:
+        """Return points whose track goes through view ``index``, [P]."""
+        result = np.zeros(len(self.scene.points), bool)
+        result[self.owner[self.scene.observations(index)]] = True
+        return result
+
+    def expected(self, index: int) -> NDArray[np.bool_]:
+        """Return points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
+        if index not in self._expected:
+            towards = self.scene.points - self.scene.views[index].centre
+            length = np.linalg.norm(towards, axis=1)
+            facing = np.abs((towards * self.shape.normals).sum(1)) > self.options.steep * length
+            mine = length[self.owner]
+            cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
+            alike = (cosine > self.options.same_side) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
+            result = np.zeros(len(self.scene.points), bool)
+            result[self.owner[alike]] = True
+            self._expected[index] = ((result & facing) | self.observed(index)) & self._tracked
+        return self._expected[index]
