@@ -24,8 +24,9 @@ from benchmarks.suites import Run
 from benchmarks.true_masks import write_elements
 from mgf_engine import __version__
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.geometry import ComparisonOptions, cameras_of, compare_surfaces
+from mgf_engine.evaluation.geometry import ComparisonOptions, compare_surfaces
 from mgf_engine.evaluation.materials import read_materials
+from mgf_engine.evaluation.model_cameras import cameras_of
 from mgf_engine.evaluation.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.geometry.mesh_files import read_ply, write_ply
 from mgf_engine.model.masks import IGNORE

@@ -19,7 +19,7 @@ from benchmarks.catalogue import scene_spec
 from benchmarks.measure import THRESHOLDS
 from benchmarks.scenes import make_scene
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.geometry import cameras_of
+from mgf_engine.evaluation.model_cameras import cameras_of
 from mgf_engine.evaluation.surfaces import SeeingCamera
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.geometry.rasterize import shaded

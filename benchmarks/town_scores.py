@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from benchmarks.prompts import inside_points, spread_photos
 from benchmarks.scenes import _read_png
-from mgf_engine.evaluation.geometry import ComparisonOptions, cameras_of, score_surface
+from mgf_engine.evaluation.geometry import ComparisonOptions, score_surface
+from mgf_engine.evaluation.model_cameras import cameras_of
 from mgf_engine.evaluation.surfaces import read_surface
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.normalise import rotation_of

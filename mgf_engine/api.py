@@ -20,7 +20,9 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.config import Config, make_config
-from mgf_engine.evaluation.geometry import ComparisonOptions, GeometryScores, colmap_cameras, score_surface
+from mgf_engine.evaluation.geometry import ComparisonOptions, score_surface
+from mgf_engine.evaluation.model_cameras import colmap_cameras
+from mgf_engine.evaluation.scores import GeometryScores
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.field import trainer
 from mgf_engine.geometry.mesh_files import in_scene, read_ply

@@ -1,40 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The job folder: what was asked for, which stages are done, and the lock that keeps two processes apart.
 
-A stage is done when ``job.json`` holds its *key*: a hash of everything that decides its result (the inputs, the
-options of its section, the key of the stage before). Changing an option redoes that stage and the later ones. The
-inputs are looked at once, when the job is opened: what changes while it runs is for the next run to notice.
+A stage is done when ``job.json`` holds its key (:mod:`mgf_engine.stage_keys`). The inputs are looked at once, when the
+job is opened: what changes while it runs is for the next run to notice.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import shutil
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 from filelock import FileLock
 
 from mgf_engine import __version__
-from mgf_engine.config import as_dict, make_config, option_fields
+from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.inputs import Inputs, read_inputs
 from mgf_engine.job_folder import FORMAT, acquire, check_folder, check_inputs, check_no_file, make_folder, read_job
-from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.runs import delivered
+from mgf_engine.stage_keys import TABLES, adjusts_to_control, stage_keys
 from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, Stage, stage_named
 from mgf_engine.system import atomic_path, sweep, write_json
 
 #: The clicks that the masks in the folder are made from.
 CLICKS = "prompts.json"
-#: Options that name a small file, which counts by its content.
-TABLES = ("control", "marks", "scale_bars")
-#: Options that name files: their content decides, not their place.
-_BY_CONTENT = ("weights", *TABLES)
 
 
 class Job:
@@ -108,7 +100,7 @@ class Job:
             job = plan()  # again: another process may have finished stages before it released the lock
             tables = {name: value for name in TABLES if (value := getattr(job.config, name))}
             job.inputs = read_inputs(job.source, job.prompts, job.masks, folder, tables)
-            job.keys = job._make_keys()
+            job.keys = stage_keys(job.config, job.inputs)
             sweep(folder)
             job.save()
         except BaseException:
@@ -156,14 +148,6 @@ class Job:
     def path(self, *parts: str) -> Path:
         """Return a path inside the job folder."""
         return self.folder.joinpath(*parts)
-
-    def _make_keys(self) -> dict[str, str]:
-        """Hash for each stage what decides its result: its inputs, its options and the key of the stage before."""
-        result: dict[str, str] = {}
-        before = f"format {FORMAT}"
-        for stage in STAGES:
-            before = result[stage.name] = _hash([before, self._options_of(stage), self._inputs_of(stage)])
-        return result
 
     def done(self, stage: str) -> bool:
         """Tell whether the stage ran with the job's inputs and options."""
@@ -255,47 +239,10 @@ class Job:
             },
         )
 
-    def _options_of(self, stage: Stage) -> dict[str, Any]:
-        names = [f.name for f in option_fields() if f.metadata["section"] in stage.sections]
-        options = {n: getattr(self.config, n) for n in (*names, *stage.options) if n not in _BY_CONTENT}
-        for section in stage.sections:
-            options.update(self.config.algorithms_of(section))
-        if stage.inputs == "photos" and self.adjusts_to_control:
-            options.update(self.config.algorithms_of("georef"))
-        if stage.inputs == "photos" and not self._leaves_photos_out():
-            options["max_photos"] = 0
-        return options
-
-    def _leaves_photos_out(self) -> bool:
-        return 0 < self.config.max_photos < len(self.inputs.names)
-
-    def _inputs_of(self, stage: Stage) -> Any:
-        return self._READERS[stage.inputs](self) if stage.inputs else None
-
-    def _photos(self) -> list[Any]:
-        # Photos with clicks are used also where others are left out.
-        found = [self.inputs.scene, clicked_names(self.inputs.clicks) if self._leaves_photos_out() else None]
-        return [*found, self.inputs.tables] if self.adjusts_to_control else found
-
-    def _outlines(self) -> Any:
-        """Return what the masks are made from: the user's masks, or else the clicks; None without masks."""
-        if not self.config.use_masks:
-            return None
-        if self.inputs.masks is not None:  # they win over clicks
-            return self.inputs.masks
-        return self.inputs.clicks and self.inputs.clicks.digest()
-
-    def _survey(self) -> dict[str, str] | None:
-        return self.inputs.tables or None
-
-    _READERS: ClassVar[dict[str, Callable[[Job], Any]]] = {
-        "photos": _photos, "outlines": _outlines, "survey": _survey,
-    }  # fmt: skip
-
     @property
     def adjusts_to_control(self) -> bool:
         """Whether control points move the cameras, so that the scene depends on them."""
-        return bool(self.config.control) and self.config.control_adjust
+        return adjusts_to_control(self.config)
 
 
 def _with_whole_paths(given: dict[str, Any]) -> dict[str, Any]:
@@ -309,10 +256,6 @@ def _path(text: str | None) -> Path | None:
 
 def _resolved(path: Path | None) -> Path | None:
     return None if path is None else path.resolve()
-
-
-def _hash(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:20]
 
 
 def _remove(path: Path) -> None:

@@ -9,9 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.drawings.merge_segments import merge_segments
 from mgf_engine.drawings.model import CREASE, DETAIL, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
 from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionOptions, Regions, find_regions
-from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, merge, straighten
+from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, straighten
 from mgf_engine.drawings.trace import Chain, trace
 from mgf_engine.mesh.plane_detection import Planes
 
@@ -111,5 +112,5 @@ def _merged(strokes: list[Stroke], kinds: list[str], pixel: float, lines: Straig
             if kind == layer
             for start, end in pairwise(stroke.points)
         ]
-        result += [Line(np.stack(segment), layer) for segment in merge(segments, pixel, lines)]
+        result += [Line(np.stack(segment), layer) for segment in merge_segments(segments, pixel, lines)]
     return result

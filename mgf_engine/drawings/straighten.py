@@ -100,7 +100,7 @@ def straighten(
     closed = ends[0] == ends[1]
     if closed:
         corners = _begun_at_longest(_begun_at_a_corner(corners), options.split * pixel)
-    breaks = split(corners, options.split * pixel)
+    breaks = douglas_peucker(corners, options.split * pixel)
     runs = [_run(corners[i : j + 1], pixel, known, options) for i, j in pairwise(breaks)]
     at = corners[breaks]
     runs, at = _without_short(runs, at, pixel, closed, options)
@@ -119,7 +119,7 @@ def turn(one: Array, other: Array) -> float:
     return float(one[0] * other[1] - one[1] * other[0])
 
 
-def split(points: Array, tolerance: float) -> list[int]:
+def douglas_peucker(points: Array, tolerance: float) -> list[int]:
     """Keep the rows of a polyline [n, 2] that it needs so that it nowhere leaves the rest by more (Douglas and
     Peucker)."""
     kept, left = {0, len(points) - 1}, [(0, len(points) - 1)]
@@ -184,48 +184,6 @@ def join_ends(
                 stroke.points[end] = point
 
 
-def merge(
-    segments: list[tuple[Array, Array]], pixel: float, options: StraightenOptions = StraightenOptions()
-) -> list[tuple[Array, Array]]:
-    """Merge segments (start and end, [2] each) on one line that touch or overlap."""
-    merged = [s for s in segments if np.hypot(*(s[1] - s[0])) > 1e-9]
-    changed = True
-    while changed:
-        changed, merged = _merged_once(merged, pixel, options)
-    return merged
-
-
-def _merged_once(
-    segments: list[tuple[Array, Array]], pixel: float, options: StraightenOptions
-) -> tuple[bool, list[tuple[Array, Array]]]:
-    segments = sorted(segments, key=lambda s: -float(np.hypot(*(s[1] - s[0]))))
-    taken, result, changed = np.zeros(len(segments), bool), list[tuple[Array, Array]](), False
-    if not segments:
-        return False, []
-    starts, ends = (np.array([s[k] for s in segments]) for k in range(2))
-    spans = ends - starts
-    directions = spans / np.linalg.norm(spans, axis=1, keepdims=True)
-    for k in range(len(segments)):
-        if taken[k]:
-            continue
-        taken[k] = True
-        low, high = 0.0, float(np.linalg.norm(spans[k]))
-        along, across = directions[k], np.array([-directions[k][1], directions[k][0]])
-        off = np.maximum(np.abs((starts - starts[k]) @ across), np.abs((ends - starts[k]) @ across))
-        a, b = (starts - starts[k]) @ along, (ends - starts[k]) @ along
-        alike = (
-            ~taken
-            & (np.abs(directions @ along) > np.cos(np.radians(options.same_angle)))
-            & (off < options.same_distance * pixel)
-        )
-        for other in np.flatnonzero(alike):
-            least, most = min(a[other], b[other]), max(a[other], b[other])
-            if least <= high + pixel and most >= low - pixel:
-                low, high, taken[other], changed = min(low, least), max(high, most), True, True
-        result.append((starts[k] + low * along, starts[k] + high * along))
-    return changed, result
-
-
 def _begun_at_a_corner(loop: Array) -> Array:
     """Begin a closed polyline where it is farthest from its middle, which is a corner of most shapes."""
     first = int(np.linalg.norm(loop[:-1] - loop[:-1].mean(0), axis=1).argmax())
@@ -234,7 +192,7 @@ def _begun_at_a_corner(loop: Array) -> Array:
 
 def _begun_at_longest(loop: Array, tolerance: float) -> Array:
     """Begin a closed polyline where its longest straight part begins."""
-    breaks = split(loop, tolerance)
+    breaks = douglas_peucker(loop, tolerance)
     first = max(pairwise(breaks), key=lambda ends: float(np.hypot(*(loop[ends[1]] - loop[ends[0]]))))[0]
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 

@@ -15,7 +15,7 @@ from mgf_engine.system import write_json
 
 if TYPE_CHECKING:
     from mgf_engine.evaluation.evenness import Evenness
-    from mgf_engine.evaluation.geometry import GeometryScores, MaterialScores
+    from mgf_engine.evaluation.scores import GeometryScores, MaterialScores
     from mgf_engine.evaluation.surfaces import Surface
 
 
@@ -62,7 +62,7 @@ def evaluate_command(args: argparse.Namespace) -> int:
     """
     # The command line asks this module for its arguments; it need not load scipy and igl for that.
     from mgf_engine.evaluation.evenness import measure_evenness
-    from mgf_engine.evaluation.geometry import colmap_pixel
+    from mgf_engine.evaluation.model_cameras import colmap_pixel
 
     _check(args)
     mesh, figures = _read_mesh(args.mesh), dict[str, Any]()
@@ -103,8 +103,9 @@ def _check(args: argparse.Namespace) -> None:
 def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     """Score against the truth, with the picture that was asked for."""
     from mgf_engine.evaluation.error_map import write_error_map
-    from mgf_engine.evaluation.geometry import ComparisonOptions, colmap_cameras, moved, score_surface
+    from mgf_engine.evaluation.geometry import ComparisonOptions, moved, score_surface
     from mgf_engine.evaluation.materials import read_materials
+    from mgf_engine.evaluation.model_cameras import colmap_cameras
     from mgf_engine.evaluation.surfaces import read_surface
 
     cameras = colmap_cameras(args.scene) if args.scene else None

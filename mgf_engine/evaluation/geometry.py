@@ -9,10 +9,8 @@ of the material of the true face nearest to it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from itertools import islice
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,68 +18,11 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.align import align_to
-from mgf_engine.evaluation.evenness import typical_pixel
 from mgf_engine.evaluation.materials import Materials
+from mgf_engine.evaluation.scores import GeometryScores, MaterialScores
 from mgf_engine.evaluation.surfaces import Faces, Hygiene, Points, SeeingCamera, Surface
 
-MEASURED_POINTS = 400  # of a photo, which tell how far away what it shows is
 MOST_SAMPLES = 100_000_000  # of a mesh: some 10 GB
-
-
-@dataclass(frozen=True)
-class MaterialScores:
-    """Scores of the parts of one material: as in :class:`GeometryScores`.
-
-    Attributes:
-        share: percentage of the seen true points that are of this material.
-    """
-
-    share: float
-    accuracy: tuple[float, ...]
-    completeness: tuple[float, ...]
-    f1: tuple[float, ...]
-    normal_median: float | None
-    normal_90: float | None
-
-
-@dataclass(frozen=True)
-class GeometryScores:
-    """Scores of one mesh; percentages per threshold, distances in the units of the meshes.
-
-    Attributes:
-        accuracy: share of the mesh's points within the threshold of the truth, eq. 30.
-        completeness: share of the seen true points within the threshold of the mesh, eq. 31.
-        f1: harmonic mean of both, eq. 32.
-        mean_error, median_error: mesh to truth; mean_gap, median_gap: seen truth to mesh.
-        truth_seen: percentage of the truth that at least one camera saw.
-        outside_crop: percentage of the mesh's points left out because they lie outside the crop box.
-        alignment: 4x4 matrix that moved the mesh onto the truth before scoring.
-        normal_median, normal_90: angle between the mesh's faces and the true ones nearest to them, degrees, the median
-            and what 90 % stay below, over the mesh's points within the largest threshold of the truth; None without
-            such points. Which side is out does not matter.
-        materials: the same by material, where the truth has materials.
-    """
-
-    thresholds: tuple[float, ...]
-    accuracy: tuple[float, ...]
-    completeness: tuple[float, ...]
-    f1: tuple[float, ...]
-    mean_error: float
-    median_error: float
-    mean_gap: float
-    median_gap: float
-    samples: int
-    truth_seen: float
-    outside_crop: float
-    hygiene: Hygiene
-    alignment: tuple[tuple[float, ...], ...]
-    normal_median: float | None = None
-    normal_90: float | None = None
-    materials: dict[str, MaterialScores] = field(default_factory=dict)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -262,69 +203,6 @@ def mask_iou(found: NDArray[np.bool_], true: NDArray[np.bool_], valid: NDArray[n
         found, true = found & valid, true & valid
     union = int((found | true).sum())
     return 100.0 if union == 0 else 100.0 * int((found & true).sum()) / union
-
-
-def colmap_cameras(scene: Path) -> list[SeeingCamera]:
-    """Return the registered cameras of a COLMAP model.
-
-    Raises:
-        BadInput: no model is found or it has no registered image.
-    """
-    return cameras_of(_model_folder(scene))
-
-
-def colmap_pixel(scene: Path, longest_side: int) -> float:
-    """Return the length that a pixel of photos with this longest side covers on their subject, scene units.
-
-    Raises:
-        BadInput: no model is found, or it has no registered image or no point.
-    """
-    distances, focals = [], []
-    whole, images = _read_model(_model_folder(scene))
-    for image in images:
-        seen = (whole.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D())
-        points = np.array(list(islice(seen, MEASURED_POINTS))).reshape(-1, 3)
-        distances.append(np.linalg.norm(points - image.projection_center(), axis=1))
-        focals.append(
-            image.camera.calibration_matrix()[0, 0] * longest_side / max(image.camera.width, image.camera.height)
-        )
-    return typical_pixel(distances, focals)
-
-
-def cameras_of(
-    model: Path, mask_of: Callable[[str], NDArray[np.bool_] | None] = lambda name: None
-) -> list[SeeingCamera]:
-    """Return the registered cameras of the COLMAP model in a folder, in the order of their photos' names.
-
-    Args:
-        mask_of: name of a photo -> its mask, see :class:`SeeingCamera`.
-
-    Raises:
-        BadInput: the model cannot be read or has no registered image.
-    """
-    _, images = _read_model(model)
-    return [SeeingCamera.of_image(image, mask_of(str(image.name))) for image in images]
-
-
-def _model_folder(scene: Path) -> Path:
-    for place in (scene, scene / "sparse/0", scene / "sparse", scene / "sparse_truth"):
-        if any((place / f"cameras{end}").exists() for end in (".bin", ".txt")):
-            return place
-    raise BadInput(f"There is no COLMAP model in '{scene}'; give the folder that holds 'sparse/0'.")
-
-
-def _read_model(model: Path) -> tuple[Any, list[Any]]:
-    """Read a model of pycolmap, which owns its images, and those that have a pose, in the order of their names."""
-    import pycolmap
-
-    try:
-        whole = pycolmap.Reconstruction(model)
-    except Exception as error:  # pycolmap raises several kinds
-        raise BadInput(f"Cannot read the COLMAP model in '{model}' ({error}); export it again.") from error
-    images = sorted((i for i in whole.images.values() if i.has_pose), key=lambda i: str(i.name))
-    if not images:
-        raise BadInput(f"The COLMAP model in '{model}' has no registered image; run structure from motion again.")
-    return whole, images
 
 
 def moved(mesh: Surface, matrix: Any) -> Surface:

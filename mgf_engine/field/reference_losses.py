@@ -14,7 +14,7 @@ from torch import Tensor
 from mgf_engine.field.losses import LossOptions, LossTerms
 from mgf_engine.field.targets import Pixels, Target
 from mgf_engine.raster.api import Rendering
-from mgf_engine.raster.loss import FLOOR, MS_SSIM_WEIGHTS, WINDOW
+from mgf_engine.raster.ms_ssim import FLOOR, MS_SSIM_WEIGHTS, WINDOW
 from mgf_engine.raster.reference_losses import normal_consistency, ssim_maps
 
 
@@ -74,7 +74,7 @@ def _masks(labels: Tensor, label_weight: Tensor, elements: int) -> Iterator[tupl
 
 
 def ms_ssim(color: Tensor, pixels: Pixels, mask: Tensor, ssim: Tensor, contrast: Tensor) -> Tensor:
-    """Return multi-scale SSIM pooled over one mask; see :func:`mgf_engine.raster.loss.ms_ssim`.
+    """Return multi-scale SSIM pooled over one mask; see :func:`mgf_engine.raster.ms_ssim.ms_ssim`.
 
     Args:
         color: [3, h, w], rendered.

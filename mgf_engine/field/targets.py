@@ -18,7 +18,8 @@ from mgf_engine.masks.boundaries import boundaries
 from mgf_engine.model.masks import BACKGROUND, BUILDING, building
 from mgf_engine.model.scene import View
 from mgf_engine.raster.camera import TILE, Camera
-from mgf_engine.raster.loss import PhotoSide, photo_side
+from mgf_engine.raster.loss import PhotoSide
+from mgf_engine.raster.photo_side import photo_side
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact_sheet import write_contact_sheet
+from mgf_engine.masks.elements import add_elements
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells
-from mgf_engine.masks.parts import Part, PartOptions, add_elements, tie_parts
+from mgf_engine.masks.part_options import PartOptions
+from mgf_engine.masks.parts import Part, tie_parts
 from mgf_engine.masks.points import VoteOptions, choose_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, no_clicks, read_prompts
 from mgf_engine.masks.propagation.propagate import Propagation, propagate

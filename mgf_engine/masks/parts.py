@@ -10,46 +10,14 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.ndimage import find_objects
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.masks.image_ops import grow
+from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.points import pixel_at
-from mgf_engine.masks.prompts import Points
-from mgf_engine.masks.propagation.appearance import lab_of
-from mgf_engine.masks.segmenters.efficientsam import POINT, EfficientSam
-from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
+from mgf_engine.model.masks import FIRST_ELEMENT, IGNORE
 from mgf_engine.model.scene import Scene
-
-LAST_ELEMENT = IGNORE - 1
-
-
-@dataclass(frozen=True)
-class PartOptions:
-    """Options of the elements of the building."""
-
-    smallest: float = parameter(0.001, "Minimum area of an element, as a share of the building", high=1)
-    largest: float = parameter(0.5, "Maximum area of an element, as a share of the building", high=1)
-    grid: int = parameter(12, "Number of EfficientSAM prompts along the longer side of the building", low=1)
-    quality: float = parameter(0.8, "Minimum predicted quality of a mask of EfficientSAM", high=1)
-    stability: float = parameter(0.9, "Minimum stability of a mask of EfficientSAM", high=1)
-    overlap: float = parameter(0.6, "Maximum overlap (intersection over union) of two masks of EfficientSAM", high=1)
-    contrast: float = parameter(4.0, "Minimum colour distance (CIELAB) between an element and what is around it")
-    margin: int = parameter(8, "Width around the building in which fields may end", "px", low=1)
-    shared: int = parameter(3, "Minimum number of points that the same element shares in two photos", low=1)
-    common: float = parameter(0.5, "Minimum share of the points in both photos that such elements share", high=1)
-
-
-@dataclass(frozen=True)
-class Element:
-    """Pixels of one photo: a box of it, and which of the box's pixels, bool [h, w]."""
-
-    box: tuple[slice, slice]
-    mask: NDArray[np.bool_]
 
 
 @dataclass
@@ -65,142 +33,6 @@ class Part:
     name: str
     elements: list[tuple[int, int]]
     points: list[int] = field(default_factory=list)
-
-
-def add_elements(
-    labels: NDArray[np.uint8],
-    photo: NDArray[np.uint8],
-    clicks: dict[str, Points],
-    sam: EfficientSam | None,
-    options: PartOptions = PartOptions(),
-) -> tuple[NDArray[np.uint8], dict[int, str]]:
-    """Return the label map with elements from 2 up, and the user's names of clicked ones.
-
-    Args:
-        labels: level one [H, W].
-        photo: RGB uint8 [H, W, 3].
-        clicks: part name -> clicks; they win over what is found automatically.
-        sam: asked with a grid of points; None finds elements by colour.
-        options: of the colour fields, the grid of points, and the least size of an element.
-    """
-    inside = building(labels)
-    if not inside.any():
-        return labels, {}
-    fields = colour_fields(photo, inside, options)
-    named = [(name, _clicked(points, fields, inside, photo, sam, options)) for name, points in sorted(clicks.items())]
-    if sam is not None:
-        found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam, options)]
-    else:
-        found = good_fields(photo, inside, fields, options)
-    result = np.where(inside, BUILDING, labels).astype(np.uint8)
-    number = FIRST_ELEMENT
-    # Small ones are drawn over the large ones they lie on; named ones over all.
-    largest = sorted(found, key=lambda e: -int(e.mask.sum()))
-    for element in largest[: LAST_ELEMENT - FIRST_ELEMENT + 1 - len(named)]:
-        result[element.box][element.mask & inside[element.box]] = number
-        number += 1
-    names: dict[int, str] = {}
-    for name, mask in named:
-        if mask.any():
-            result[mask & inside] = number
-            names[number] = name
-            number += 1
-    return _renumber(result, names)
-
-
-def colour_fields(
-    photo: NDArray[np.uint8], inside: NDArray[np.bool_], options: PartOptions = PartOptions()
-) -> NDArray[np.int32]:
-    """Return fields of even colour inside the building, int32 [H, W], from 0; -1 outside."""
-    count, result = 0, np.full(inside.shape, -1, np.int32)
-    around = _around(inside, options)
-    held, building_here = np.ascontiguousarray(photo[around]), inside[around]
-    lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, 7, 30, 5), cv2.COLOR_RGB2LAB))
-    lab[~grow(building_here, options.margin)] = 0  # one field, quickly found
-    smallest = max(12, round(options.smallest * int(inside.sum())))
-    graph = cv2.ximgproc.segmentation.createGraphSegmentation(0.6, 250.0, smallest)
-    fields = graph.processImage(lab).astype(np.int32)
-    fields[~building_here] = -1
-    # A field cut in two by the outline or an occluder is two fields.
-    for value, box in _boxes(fields).items():
-        pieces, here = cv2.connectedComponents((fields[box] == value).astype(np.uint8), connectivity=4)
-        where = here > 0
-        result[around][box][where] = here[where] - 1 + count
-        count += pieces - 1
-    return result
-
-
-def good_fields(
-    photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32], options: PartOptions = PartOptions()
-) -> list[Element]:
-    """Return fields of a sensible size that stand out from what is around them.
-
-    Args:
-        photo: RGB uint8 [H, W, 3].
-        inside: the building, [H, W].
-        fields: number of the field of each pixel, [H, W]; -1 for none.
-        options: limits of size and contrast.
-    """
-    around = _around(inside, options)
-    lab = lab_of(photo[around])
-    total, sizes = int(inside.sum()), np.bincount(fields[fields >= 0])
-    result = []
-    for value, (rows, columns) in _boxes(fields).items():
-        if not options.smallest * total <= sizes[value] <= options.largest * total:
-            continue
-        box = slice(max(0, rows.start - 4), rows.stop + 4), slice(max(0, columns.start - 4), columns.stop + 4)
-        mask = fields[box] == value
-        ring = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~mask
-        top, left = around[0].start, around[1].start
-        patch = lab[box[0].start - top : box[0].stop - top, box[1].start - left : box[1].stop - left]
-        if ring.any() and np.linalg.norm(patch[mask].mean(0) - patch[ring].mean(0)) < options.contrast:
-            continue
-        result.append(Element(box, mask))
-    return result
-
-
-def _around(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, slice]:
-    """Return the box that holds the building and a margin."""
-    rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
-    return (
-        slice(max(0, int(rows[0]) - options.margin), int(rows[-1]) + 1 + options.margin),
-        slice(max(0, int(columns[0]) - options.margin), int(columns[-1]) + 1 + options.margin),
-    )
-
-
-def sam_elements(
-    photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam, options: PartOptions = PartOptions()
-) -> list[NDArray[np.bool_]]:
-    """Segment by a grid of single points: masks good by the model's own word, stable, of a sensible size, not twice.
-
-    Args:
-        photo: RGB uint8 [H, W, 3].
-        inside: bool [H, W], where the building is.
-        sam: the model that is asked.
-        options: of the grid, and when a mask is good enough.
-    """
-    embedding = sam.embed(photo)
-    ys, xs = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
-    step = max(4.0, max(ys[-1] - ys[0], xs[-1] - xs[0]) / options.grid)
-    grid = np.stack(np.meshgrid(np.arange(xs[0], xs[-1] + 1, step), np.arange(ys[0], ys[-1] + 1, step)), -1)
-    grid = grid.reshape(-1, 2) + 0.5
-    y, x = pixel_at(inside.shape, grid)
-    total, found = int(inside.sum()), []
-    for point in grid[inside[y, x]]:
-        masks, quality = sam.ask(embedding, photo.shape[:2], point[None], np.array([POINT]))
-        for logits, value in zip(masks, quality, strict=True):
-            stability = (logits > 1).sum() / max(1, (logits > -1).sum())
-            if value < options.quality or stability < options.stability:
-                continue
-            mask = cv2.resize(logits, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR) > 0
-            mask &= inside
-            if options.smallest * total <= mask.sum() <= options.largest * total:
-                found.append((float(value), mask))
-    kept: list[NDArray[np.bool_]] = []
-    for _, mask in sorted(found, key=lambda f: -f[0]):
-        if all((mask & other).sum() <= options.overlap * (mask | other).sum() for other in kept):
-            kept.append(mask)
-    return kept
 
 
 def tie_parts(
@@ -287,38 +119,3 @@ def _root(parent: dict[int, int], node: int) -> int:
         parent[node] = parent[parent[node]]
         node = parent[node]
     return node
-
-
-def _clicked(
-    points: Points, fields: NDArray[np.int32], inside: NDArray[np.bool_], photo: NDArray[np.uint8],
-    sam: EfficientSam | None, options: PartOptions,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Return the element under the user's clicks: the colour fields they hit, or the model's smallest good answer."""
-    if not len(points):
-        return np.zeros(inside.shape, bool)
-    y, x = pixel_at(inside.shape, points)
-    if sam is None:
-        hit = fields[y, x]
-        return np.isin(fields, hit[hit >= 0])
-    masks, quality = sam.ask(sam.embed(photo), photo.shape[:2], points, np.full(len(points), POINT))
-    best, best_score = np.zeros(inside.shape, bool), -1.0
-    for logits, value in zip(masks, quality, strict=True):
-        mask = cv2.resize(logits, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR) > 0
-        score = float(mask[y, x].mean()) + 0.1 * float(value)
-        if mask.sum() <= options.largest * inside.sum() and score > best_score:
-            best, best_score = mask & inside, score
-    return best
-
-
-def _boxes(fields: NDArray[np.int32]) -> dict[int, tuple[slice, slice]]:
-    """Return bounding boxes of the values from 0 up."""
-    return {value: box for value, box in enumerate(find_objects(fields + 1)) if box is not None}
-
-
-def _renumber(labels: NDArray[np.uint8], names: dict[int, str]) -> tuple[NDArray[np.uint8], dict[int, str]]:
-    """Renumber element ids, without gaps after drawing over each other."""
-    table = np.arange(256, dtype=np.uint8)
-    used = [int(v) for v in np.flatnonzero(np.bincount(labels.ravel())) if FIRST_ELEMENT <= v <= LAST_ELEMENT]
-    for new, old in enumerate(used, FIRST_ELEMENT):
-        table[old] = new
-    return table[labels], {int(table[old]): name for old, name in names.items() if old in used}

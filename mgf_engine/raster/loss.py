@@ -23,89 +23,10 @@ from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.camera import Intrinsics
 from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.loss_inputs import LossWeights, PhotoSide
+from mgf_engine.raster.ms_ssim import ms_ssim
+from mgf_engine.raster.photo_side import TILE_H
 
-#: Exponents of multi-scale SSIM (Wang, Simoncelli and Bovik 2003), finest scale first.
-MS_SSIM_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)
-WINDOW = 11
-FLOOR = 0.01  # pooled similarity is kept positive so that its powers have a slope
-_TILE_H, _TILE_W = 32, 256  # csrc/raster/loss.h, as everything up to _ALPHA
-_STRIP = 16  # rows, csrc/raster/normals.h
-_LEVEL_FIELDS, _SAVED = 9, 4
-_HAS_LABEL, _COVERS_LABEL, _HAS_BAND = 1, 2, 4
 _ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
-
-
-def scales_of(area: NDArray[np.int64], height: int, width: int) -> int:
-    """Return the number of scales of MS-SSIM: of the largest mask's area, 11 px wide or more at each; area [ids]."""
-    largest = int(area.max(initial=0))
-    fitting = int(np.floor(np.log2(max(np.sqrt(largest) / WINDOW, 1.0)))) + 1
-    return min(len(MS_SSIM_WEIGHTS), fitting, int(np.log2(min(height, width))) + 1)
-
-
-def photo_side(
-    image: Tensor,
-    labels: Tensor,
-    edges: Tensor,
-    background_band: Tensor,
-    ids: int,
-    elements: int,
-    origin: tuple[int, int],
-) -> PhotoSide:
-    """Return sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`.
-
-    Args:
-        image: uint8 [3, h, w].
-        labels: uint8 [h, w].
-        edges: boundaries of the masks, bool [h, w].
-        background_band: bool [h, w].
-        ids: number of labels, with 0.
-        elements: labels 1..elements are the building.
-        origin: row and column of the box in the frame, px.
-    """
-    mask, (height, width) = labels.numpy(), labels.shape
-    scales = scales_of(_areas(mask, ids, elements), height, width)
-    levels, flags, area = np.zeros((scales, _LEVEL_FIELDS), np.int64), [], np.zeros((scales, ids), np.int64)
-    tiles = floats = 0
-    for scale in range(scales):
-        h, w = height >> scale, width >> scale
-        here = mask[: h << scale : 1 << scale, : w << scale : 1 << scale]
-        area[scale] = _areas(here, ids, elements)
-        has = _in_tiles(here > 0, 1) * _HAS_LABEL
-        covers = _in_tiles(mask > 0, 1 << scale)[: has.shape[0], : has.shape[1]] * _COVERS_LABEL
-        extra = _in_tiles(background_band.numpy() > 0, 1) * _HAS_BAND if scale == 0 else 0
-        flags.append((has + covers + extra).astype(np.uint8).ravel())
-        planes = (3, 3, 3 * _SAVED, 3 if scale else 0)
-        starts = floats + np.cumsum((0, *planes)) * h * w
-        levels[scale] = h, w, *has.shape, tiles, *starts[:4]
-        tiles, floats = tiles + has.size, int(starts[4])
-    maps = image, labels, edges, background_band
-    image, labels, edges, background_band = (t.view(torch.uint8).contiguous() for t in maps)
-    return PhotoSide(
-        image=image, labels=labels, elements=elements, edges=edges, background_band=background_band, origin=origin,
-        area=area,
-        edge_area=int(np.count_nonzero(edges.numpy() * mask)), band_area=int(np.count_nonzero(background_band.numpy())),
-        levels=levels, flags=np.concatenate(flags), strips=_blocks(mask > 0, _STRIP, width)[:, 0].astype(np.uint8),
-        scratch=floats,
-    )  # fmt: skip
-
-
-def _areas(labels: NDArray[np.uint8], ids: int, elements: int) -> NDArray[np.int64]:
-    """Return the pixels of each label, [ids]; in place of label 0, of the whole building."""
-    area = np.bincount(labels.ravel(), minlength=ids)
-    area[0] = area[1 : elements + 1].sum()
-    return np.asarray(area, np.int64)
-
-
-def _in_tiles(mask: NDArray[np.bool_], factor: int) -> NDArray[np.int64]:
-    return _blocks(mask, _TILE_H * factor, _TILE_W * factor).astype(np.int64)
-
-
-def _blocks(mask: NDArray[np.bool_], height: int, width: int) -> NDArray[np.bool_]:
-    """Tell whether each block of the given size holds a true pixel."""
-    rows, columns = -(-mask.shape[0] // height), -(-mask.shape[1] // width)
-    full = np.zeros((rows * height, columns * width), bool)
-    full[: mask.shape[0], : mask.shape[1]] = mask
-    return np.asarray(full.reshape(rows, height, columns, width).any((1, 3)))
 
 
 @dataclass(frozen=True)
@@ -327,7 +248,7 @@ class _Pass:
         ], np.float32)  # fmt: skip
         sums = np.zeros((self.finest, 3))
         given = (photo.flags, self.ids, finish, factors, self.scratch, sums)
-        bands = -(-self.alpha.shape[0] // _TILE_H)
+        bands = -(-self.alpha.shape[0] // TILE_H)
         parallel("mgf_loss_finish", photo.levels, self.scales, *given, self.failed, pieces=self.finest + bands)
         total: NDArray[np.float64] = sums.sum(0)
         return total
@@ -339,32 +260,3 @@ def _address(value: Any) -> int:
     if isinstance(value, np.ndarray):
         return value.ctypes.data
     return (value.value or 0) if value is not None else 0
-
-
-def ms_ssim(sums: NDArray[np.float64], area: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return multi-scale SSIM of each mask, and its slope in every pixel's similarity and contrast-structure.
-
-    A mask takes part at a scale while a square of its area is at least one window wide there; exponents of the scales
-    it takes part in are scaled to sum to one. Masks below 11 px are 1 and have no slope.
-
-    Args:
-        sums: [scales, 2, ids], both maps summed over each mask.
-        area: [scales or more, ids], pixels of each mask.
-
-    Returns:
-        [ids] and [scales, 2, ids].
-    """
-    scales = len(sums)
-    area = area[:scales]
-    takes_part = np.sqrt(area[0])[None] >= WINDOW * 2.0 ** np.arange(scales)[:, None]
-    share = np.array(MS_SSIM_WEIGHTS[:scales])[:, None] * takes_part
-    share /= np.maximum(share.sum(0), 1e-9)
-    kind = np.where(takes_part.sum(0) - 1 == np.arange(scales)[:, None], 0, 1)[:, None]  # similarity at its last scale
-    mean = np.take_along_axis(sums, kind, 1)[:, 0] / np.maximum(area, 1)
-    mean[area == 0] = 1.0
-    kept = np.maximum(mean, FLOOR)
-    value = np.exp((share * np.log(kept)).sum(0))
-    slope = np.where((mean >= FLOOR) & (area > 0), value * share / (kept * np.maximum(area, 1)), 0.0)
-    slopes = np.zeros_like(sums)
-    np.put_along_axis(slopes, kind, slope[:, None], 1)
-    return value, slopes

@@ -15,7 +15,7 @@ from torch import Tensor
 @dataclass(frozen=True)
 class PhotoSide:
     """What a render is compared with, cut to a box of the frame; make it with
-    :func:`mgf_engine.raster.loss.photo_side`.
+    :func:`mgf_engine.raster.photo_side.photo_side`.
 
     Attributes:
         image: uint8 [3, h, w].

@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.drawings.straighten import Run, crossing, join_ends, merge, split, straighten
+from mgf_engine.drawings.merge_segments import merge_segments
+from mgf_engine.drawings.straighten import Run, crossing, douglas_peucker, join_ends, straighten
 
 
 def run(at: tuple[float, float], angle: float, length: float = 10.0) -> Run:
@@ -21,9 +22,9 @@ def stairs(start: float, end: float, slope: float) -> np.ndarray:
 
 def test_split_keeps_the_corner_alone() -> None:
     points = np.array([[0, 0], [1, 0.1], [2, -0.1], [3, 0], [3.1, 1], [2.9, 2], [3, 3.0]])
-    assert split(points, 0.5) == [0, 3, 6]
-    assert split(points, 5.0) == [0, 6]
-    assert split(points[:2], 0.1) == [0, 1]
+    assert douglas_peucker(points, 0.5) == [0, 3, 6]
+    assert douglas_peucker(points, 5.0) == [0, 6]
+    assert douglas_peucker(points[:2], 0.1) == [0, 1]
 
 
 def test_lines_meet_where_they_cross_and_near_parallel_ones_between() -> None:
@@ -67,6 +68,6 @@ def test_segments_on_one_line_become_one_and_others_stay() -> None:
     def segment(*numbers: float) -> tuple[np.ndarray, np.ndarray]:
         return np.array(numbers[:2]), np.array(numbers[2:])
 
-    found = merge([segment(0, 0, 10, 0), segment(9, 0.1, 20, 0.1), segment(0, 5, 10, 5)], 1.0)
+    found = merge_segments([segment(0, 0, 10, 0), segment(9, 0.1, 20, 0.1), segment(0, 5, 10, 5)], 1.0)
     spans = sorted(round(float(np.hypot(*(b - a)))) for a, b in found)
     assert spans == [10, 20]

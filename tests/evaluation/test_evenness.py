@@ -11,7 +11,7 @@ import pytest
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.evenness import Evenness, EvennessOptions, measure_evenness, typical_pixel
-from mgf_engine.evaluation.geometry import colmap_pixel
+from mgf_engine.evaluation.model_cameras import colmap_pixel
 from mgf_engine.evaluation.surfaces import Surface
 
 PIXEL = 0.05

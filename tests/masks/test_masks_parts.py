@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 from support.small_scene import make_scene, view
 
-from mgf_engine.masks.parts import LAST_ELEMENT, add_elements, tie_parts
+from mgf_engine.masks.elements import LAST_ELEMENT, add_elements
+from mgf_engine.masks.parts import tie_parts
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 
 WINDOWS = [(30, 40), (30, 90), (30, 140), (80, 40), (80, 140)]

@@ -17,9 +17,9 @@ from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
 from mgf_engine.models.solid.build import build_solid
+from mgf_engine.models.solid.checks import faults_of, volume_of
 from mgf_engine.models.solid.model import WALL, WINDOW, Solid
 from mgf_engine.models.solid.openings import add_openings
-from mgf_engine.models.solid.polyhedron import faults_of, volume_of
 
 
 @pytest.fixture(scope="module")

@@ -28,8 +28,8 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.models.cityjson import make_cityjson
 from mgf_engine.models.make import make_models
 from mgf_engine.models.solid.build import NoSolid, build_solid
+from mgf_engine.models.solid.checks import faults_of, triangles
 from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Solid
-from mgf_engine.models.solid.polyhedron import faults_of, triangles
 from mgf_engine.models.work import ModelOptions
 from tests.models.conftest import CORNER
 

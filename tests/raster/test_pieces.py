@@ -18,7 +18,8 @@ from mgf_engine.model.topology import Adjacency
 from mgf_engine.native import build, library
 from mgf_engine.raster.adam import AdamStep, adam_step
 from mgf_engine.raster.api import Rendering
-from mgf_engine.raster.loss import LossWeights, image_loss, photo_side
+from mgf_engine.raster.loss import LossWeights, image_loss
+from mgf_engine.raster.photo_side import photo_side
 from mgf_engine.raster.points import INSIDE, PointOpacity
 
 MANY = 1000

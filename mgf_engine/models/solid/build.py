@@ -14,11 +14,12 @@ from mgf_engine.drawings.model import Survey
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.models.lod import deviation_of
 from mgf_engine.models.solid.cells import cell_of_pixels, cut_into_cells
+from mgf_engine.models.solid.checks import faults_of, triangles, volume_of
 from mgf_engine.models.solid.evidence import Evidence, gather_evidence
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
 from mgf_engine.models.solid.labels import LabelOptions, choose_planes
 from mgf_engine.models.solid.model import ROOF, WALL, Array, Solid
-from mgf_engine.models.solid.polyhedron import PolyhedronOptions, faults_of, make_polyhedron, triangles, volume_of
+from mgf_engine.models.solid.polyhedron import PolyhedronOptions, make_polyhedron
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from mgf_engine.algorithms import parameter
 from mgf_engine.models.solid.cells import Cells
 from mgf_engine.models.solid.evidence import Evidence
-from mgf_engine.models.solid.model import Array
+from mgf_engine.models.solid.model import Array, ring_area
 
 #: Costs of the borders between labels [E] and labels [E].
 Border = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]
@@ -88,18 +88,13 @@ def _volumes(cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes:
     cost = np.zeros((count, len(slopes) + 1))
     cost[:, 0] = np.bincount(cell, inside * cap * square, count)
     nodes = np.array(cells.nodes)
-    total = np.array([_area(nodes[ring]) for ring in cells.rings])
+    total = np.array([ring_area(nodes[ring]) for ring in cells.rings])
     beyond = np.maximum(total - np.bincount(cell, minlength=count) * square, 0)  # where the grid ends
     beside = np.bincount(cell, ~inside * cap * square, count) + beyond * cap
     for k, (a, b, c) in enumerate(slopes):
         off = np.minimum(np.abs(at[known] @ (a, b) + c - height[known]), cap)
         cost[:, k + 1] = np.bincount(cell[known], off * square, count) + beside
     return cost + _forbidden(cells, evidence, slopes, float(cost.sum()) + 1)
-
-
-def _area(ring: Array) -> float:
-    x, y = (ring - ring[0]).T
-    return 0.5 * float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)
 
 
 def _forbidden(cells: Cells, evidence: Evidence, slopes: Array, much: float) -> Array:

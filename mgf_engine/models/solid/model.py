@@ -78,3 +78,17 @@ def ring_normal(points: Array) -> Array:
     """Return unit normal of a ring [n, 3], [3]."""
     vector = ring_vector(points)
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
+
+
+def plane_axes(normal: Array) -> Array:
+    """Return two unit axes in a plane, [2, 3], counter-clockwise seen from where its normal points."""
+    helper = np.eye(3)[int(np.abs(normal).argmin())]
+    x = np.cross(helper, normal)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(normal, x)])
+
+
+def ring_area(ring: Array) -> float:
+    """Return the area of a ring [n, 2], negative where it runs clockwise."""
+    x, y = (ring - ring[0]).T
+    return 0.5 * float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)

@@ -16,8 +16,8 @@ from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.parts import PartOutlineOptions, part_shapes, part_shares
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid, round_resolution
+from mgf_engine.models.solid.checks import faults_of
 from mgf_engine.models.solid.model import DOOR, WALL, WINDOW, Solid, SolidFace
-from mgf_engine.models.solid.polyhedron import faults_of
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 KINDS = {"window": WINDOW, "door": DOOR}

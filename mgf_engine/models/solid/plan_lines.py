@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.drawings.project import Grid
 from mgf_engine.drawings.regions import Regions
-from mgf_engine.drawings.straighten import split
+from mgf_engine.drawings.straighten import douglas_peucker
 from mgf_engine.drawings.trace import trace
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
 
@@ -236,7 +236,7 @@ def _straight(at: Array, detail: float) -> list[Line2]:
         parts = [at]
     lines = []
     for part in parts:
-        breaks = split(part, detail)
+        breaks = douglas_peucker(part, detail)
         for i, j in pairwise(breaks):
             span = part[j] - part[i]
             length = float(np.hypot(*span))

@@ -15,7 +15,7 @@ from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks, choose_segmenter
-from mgf_engine.masks.parts import sam_elements
+from mgf_engine.masks.elements import sam_elements
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam, queries, spread
 from mgf_engine.masks.segmenters.notice import used

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Keys of stages: a hash of everything that decides a stage's result.
+
+That is its inputs, the options of its section and the key of the stage before: changing an option redoes that stage and
+the later ones. Files count by their content, not by their place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from mgf_engine.config import Config, option_fields
+from mgf_engine.inputs import Inputs
+from mgf_engine.job_folder import FORMAT
+from mgf_engine.masks.prompts import clicked_names
+from mgf_engine.stages import STAGES, Stage
+
+#: Options that name a small file, which counts by its content.
+TABLES = ("control", "marks", "scale_bars")
+#: Options that name files: their content decides, not their place.
+_BY_CONTENT = ("weights", *TABLES)
+
+
+def stage_keys(config: Config, inputs: Inputs) -> dict[str, str]:
+    """Compute the key of each stage, stage name -> key."""
+    keys: dict[str, str] = {}
+    before = f"format {FORMAT}"
+    for stage in STAGES:
+        before = keys[stage.name] = _hash(
+            [before, _options_of(stage, config, inputs), _inputs_of(stage, config, inputs)]
+        )
+    return keys
+
+
+def adjusts_to_control(config: Config) -> bool:
+    """Tell whether control points move the cameras, so that the scene depends on them."""
+    return bool(config.control) and config.control_adjust
+
+
+def _options_of(stage: Stage, config: Config, inputs: Inputs) -> dict[str, Any]:
+    """Return the options that decide the stage's result, and no others."""
+    names = [f.name for f in option_fields() if f.metadata["section"] in stage.sections]
+    options = {n: getattr(config, n) for n in (*names, *stage.options) if n not in _BY_CONTENT}
+    for section in stage.sections:
+        options.update(config.algorithms_of(section))
+    if stage.inputs == "photos" and adjusts_to_control(config):
+        options.update(config.algorithms_of("georef"))
+    if stage.inputs == "photos" and not _leaves_photos_out(config, inputs):
+        options["max_photos"] = 0
+    return options
+
+
+def _inputs_of(stage: Stage, config: Config, inputs: Inputs) -> Any:
+    """Return what the stage reads of the user's files, as JSON can hold it."""
+    if stage.inputs == "photos":
+        return _photos(config, inputs)
+    if stage.inputs == "outlines":
+        return _outlines(config, inputs)
+    if stage.inputs == "survey":
+        return inputs.tables or None
+    return None
+
+
+def _leaves_photos_out(config: Config, inputs: Inputs) -> bool:
+    return 0 < config.max_photos < len(inputs.names)
+
+
+def _photos(config: Config, inputs: Inputs) -> list[Any]:
+    # Photos with clicks are used also where others are left out.
+    found = [inputs.scene, clicked_names(inputs.clicks) if _leaves_photos_out(config, inputs) else None]
+    return [*found, inputs.tables] if adjusts_to_control(config) else found
+
+
+def _outlines(config: Config, inputs: Inputs) -> Any:
+    """Return what the masks are made from: the user's masks, or else the clicks; None without masks."""
+    if not config.use_masks:
+        return None
+    if inputs.masks is not None:  # they win over clicks
+        return inputs.masks
+    return inputs.clicks and inputs.clicks.digest()
+
+
+def _hash(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:20]
