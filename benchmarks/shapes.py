@@ -158,18 +158,19 @@ class Builder:
                 cross = v0 + 0.68 * (v1 - v0)
                 bars.append((u0, u1, cross - bar / 2, cross + bar / 2))
         for a, b, c, d in bars:
-            self._slab(frame, a, c, b, d, -depth, -depth + 0.06, "frame", element)
+            self._slab(frame, (a, c, b, d), (-depth, -depth + 0.06), "frame", element)
         if surround:
-            t, out = 0.16, 0.05
-            self._slab(frame, u0 - t, v1, u1 + t, v1 + t, 0.0, out, trim, "")
-            self._slab(frame, u0 - t, v0, u0, v1, 0.0, out, trim, "")
-            self._slab(frame, u1, v0, u1 + t, v1, 0.0, out, trim, "")
+            t, out = 0.16, (0.0, 0.05)
+            self._slab(frame, (u0 - t, v1, u1 + t, v1 + t), out, trim, "")
+            self._slab(frame, (u0 - t, v0, u0, v1), out, trim, "")
+            self._slab(frame, (u1, v0, u1 + t, v1), out, trim, "")
             if hole.kind == "window":
-                self._slab(frame, u0 - t, v0 - 0.12, u1 + t, v0, 0.0, 2 * out, trim, "")
+                self._slab(frame, (u0 - t, v0 - 0.12, u1 + t, v0), (0.0, 0.1), trim, "")
 
-    def _slab(self, frame: WallFrame, u0: float, v0: float, u1: float, v1: float, back: float, front: float,
-              material: str, element: str) -> None:  # fmt: skip
-        """A box lying on a wall."""
+    def _slab(self, frame: WallFrame, box: tuple[float, ...], depth: tuple[float, float], material: str,
+              element: str) -> None:  # fmt: skip
+        """A box lying on a wall: from u0, v0 to u1, v1 along it, and from its back to its front."""
+        (u0, v0, u1, v1), (back, front) = box, depth
         axes = np.stack([frame.along, np.array([0.0, 0.0, 1.0]), frame.out])
         centre = frame.point((u0 + u1) / 2, (v0 + v1) / 2, (back + front) / 2)
         self.bar(centre, axes, ((u1 - u0) / 2, (v1 - v0) / 2, (front - back) / 2), material, element)

@@ -45,16 +45,7 @@ def surroundings(
         taken.append((spot, 3.0))
         parts += tree(f"tree{i}.", spot, rng.uniform(5, 10), rng)
     for i in range(trees_in_front):
-        side = i % 4
-        share = rng.uniform(0.12, 0.88)
-        gap = rng.uniform(2.6, 4.0)
-        spot = np.array([low[0] + share * (high - low)[0], low[1] - gap])
-        if side == 1:
-            spot = np.array([high[0] + gap, low[1] + share * (high - low)[1]])
-        elif side == 2:
-            spot = np.array([low[0] + share * (high - low)[0], high[1] + gap])
-        elif side == 3:
-            spot = np.array([low[0] - gap, low[1] + share * (high - low)[1]])
+        spot = _spot_before(i % 4, low, high, rng)
         parts += tree(f"front_tree{i}.", spot, rng.uniform(4.0, 7.0), rng)
     for i in range(cars):
         spot = np.array(
@@ -62,6 +53,14 @@ def surroundings(
         )
         parts += car(f"car{i}.", spot, rng)
     return parts
+
+
+def _spot_before(side: int, low: NDArray[np.float64], high: NDArray[np.float64], rng: Generator) -> NDArray[np.float64]:
+    """A place close to one of the four sides of the building."""
+    share, gap = rng.uniform(0.12, 0.88), rng.uniform(2.6, 4.0)
+    along = low + share * (high - low)
+    return np.array([(along[0], low[1] - gap), (high[0] + gap, along[1]), (along[0], high[1] + gap),
+                     (low[0] - gap, along[1])][side])  # fmt: skip
 
 
 def _free_spot(middle: NDArray[np.float64], reach: tuple[float, float], radius: float,

@@ -144,21 +144,26 @@ def import_result(
         _add_view(tree, view)
     if scene.camera is None and tree.objects("Cameras"):
         scene.camera = tree.objects("Cameras")[0]
-    obj = None
-    if content.mesh is not None:
-        had_texture = paints_texture(tree)
-        tree.clear("Mesh")
-        name = job_name(delivery.folder)
-        mesh = mesh or make_mesh(name, content.mesh, SHARP_ANGLE)
-        obj = _add_mesh(tree, name, mesh, content.parts, texture)
-        remove_unused_textures()
-        if texture is not None or had_texture:
-            draw_texture(scene, texture is not None)
-        for points in tree.objects("Points"):
-            hide(points)  # they would speckle the surface
+    obj = None if content.mesh is None else _replace_mesh(scene, tree, content, mesh, texture)
     if scene.camera is not None:
         clear_view(tree, scene.camera)
     return Result(tree, obj, len(tree.objects("Renders")), delivery)
+
+
+def _replace_mesh(
+    scene: bpy.types.Scene, tree: Tree, content: Content, mesh: bpy.types.Mesh | None, texture: bpy.types.Image | None
+) -> bpy.types.Object:
+    """Put the job's mesh in the place of the tree's earlier one, with its texture."""
+    had_texture = paints_texture(tree)
+    tree.clear("Mesh")
+    name = job_name(content.delivery.folder)
+    obj = _add_mesh(tree, name, mesh or make_mesh(name, content.mesh, SHARP_ANGLE), content.parts, texture)
+    remove_unused_textures()
+    if texture is not None or had_texture:
+        draw_texture(scene, texture is not None)
+    for points in tree.objects("Points"):
+        hide(points)  # they would speckle the surface
+    return obj
 
 
 def job_name(folder: Path) -> str:

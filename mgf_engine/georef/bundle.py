@@ -74,6 +74,15 @@ class Known:
     marks: tuple[tuple[int, Array], ...]
 
 
+def _check_installed() -> None:
+    """Raise BadInput where the package that adjusts is missing."""
+    if importlib.util.find_spec("pyceres") is None:
+        raise BadInput(
+            f"Moving the cameras to control points needs the package pyceres, which is not installed; get it by "
+            f"{SURVEY}, or give --no-control-adjust."
+        )
+
+
 def adjust_to_control(
     model: SparseModel,
     scene: Scene,
@@ -100,11 +109,7 @@ def adjust_to_control(
     Raises:
         BadInput: the package for it is missing.
     """
-    if importlib.util.find_spec("pyceres") is None:
-        raise BadInput(
-            f"Moving the cameras to control points needs the package pyceres, which is not installed; get it by "
-            f"{SURVEY}, or give --no-control-adjust."
-        )
+    _check_installed()
     to_world = _similarity(points.fit, scene)
     with np.errstate(all="ignore"):  # points behind cameras
         here = moved(model, to_world)

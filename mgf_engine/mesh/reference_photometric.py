@@ -4,9 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mgf_engine.mesh.photometric import MatchOptions
 
 Array = NDArray[np.float64]
 RADIUS = 2
@@ -20,7 +23,7 @@ def depth_steps(
     Args:
         pixels: flat indices, [N].
         depth: of the first photo, [H, W].
-        between: of each neighbour, as :func:`match_depths` takes it.
+        between: of each neighbour, as in :class:`PhotoPair`.
         length: px, by which a pixel moves in the neighbour where it moves most.
         limit: largest relative change.
     """
@@ -35,35 +38,50 @@ def depth_steps(
     return np.asarray(np.minimum(length / most, limit))
 
 
-def match_depths(
-    pixels: NDArray[np.int32], normals: Array, step: Array, steps: int, first: tuple[Array, Array],
-    inverse_intrinsics: Array, between: Array, other: tuple[Array, Array], jump: float, hidden: float, texture: float,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Correlate the patches around ``pixels`` [N], [N, steps], and give 1 or 0 [N] whether the neighbour has a say.
+@dataclass(frozen=True)
+class PhotoPair:
+    """A photo and its neighbour.
 
-    Args:
-        pixels: flat indices, [N].
-        normals: [N, 3], first camera's frame.
-        step: relative change of the inverse depth from one try to the next, [N].
-        steps: number of tries.
+    Attributes:
         first, other: (brightness, depth) of each photo, [H, W] each.
         inverse_intrinsics: 1 / fx, 1 / fy, cx, cy of the first photo.
         between: M and b, flat [12]: (u, v, 1) ~ M (x, y, 1) + b / depth.
-        jump: relative difference in depth from which on two pixels show two surfaces.
-        hidden: share of the depth by which the neighbour must see something nearer to hide a pixel.
-        texture: least standard deviation of the brightness in a patch, grey levels.
     """
-    scores, counts = np.zeros((len(pixels), steps)), np.zeros(len(pixels))
+
+    first: tuple[Array, Array]
+    other: tuple[Array, Array]
+    inverse_intrinsics: Array
+    between: Array
+
+
+def match_depths(
+    pair: PhotoPair,
+    pixels: NDArray[np.int32],
+    normals: Array,
+    step: Array,
+    options: MatchOptions,
+) -> tuple[Array, Array]:
+    """Correlate the patches around ``pixels`` [N], [N, steps], and give 1 or 0 [N] whether the neighbour has a say.
+
+    Args:
+        pair: the photos.
+        pixels: flat indices, [N].
+        normals: [N, 3], first camera's frame.
+        step: relative change of the inverse depth from one try to the next, [N].
+        options: number of tries, and which pixels can be compared.
+    """
+    o, first, other, between = options, pair.first, pair.other, pair.between
+    scores, counts = np.zeros((len(pixels), o.steps)), np.zeros(len(pixels))
     for n, pixel in enumerate(pixels):
         y, x = divmod(int(pixel), first[0].shape[1])
-        plane = _plane(x, y, first[1][y, x], normals[n], inverse_intrinsics)
-        if plane is None or not _sees(x, y, first[1][y, x], between, other[1], hidden):
+        plane = _plane(x, y, first[1][y, x], normals[n], pair.inverse_intrinsics)
+        if plane is None or not _sees(x, y, first[1][y, x], between, other[1], o.hidden):
             continue
-        window = _window(x, y, plane, first, jump, texture)
+        window = _window(x, y, plane, first, o.jump, o.texture)
         if window is None:
             continue
-        factors = 1 + (np.arange(steps) - steps // 2) * step[n]
-        found = [_correlation(window, plane * factor, between, other[0], texture) for factor in factors]
+        factors = 1 + (np.arange(o.steps) - o.steps // 2) * step[n]
+        found = [_correlation(window, plane * factor, between, other[0], o.texture) for factor in factors]
         if all(f is not None for f in found):
             scores[n], counts[n] = found, 1
     return scores, counts

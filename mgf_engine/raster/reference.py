@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -155,6 +156,13 @@ def pixel_centres(wanted: Tensor) -> Tensor:
     return wanted.nonzero().flip(1).to(torch.float64) + 0.5
 
 
+def _as_image(values: Tensor, wanted: Tensor) -> Tensor:
+    """Arrange values of the wanted pixels [H, W] as an image, 0 elsewhere: [C, P] or [P] -> [C, H, W] or [H, W]."""
+    out = values.new_zeros(*values.shape[:-1], *wanted.shape)
+    out[..., wanted] = values
+    return out
+
+
 def render(
     gaussians: Gaussians,
     camera: Camera,
@@ -185,12 +193,7 @@ def render(
         _gather_statistics(r, pixels, stats, wanted, error_map, footprint_radius(seen, camera))
     w, rgb, normal = r.weight, seen.rgb[r.order], seen.normal[r.order]
     t = torch.where(w > 0, r.t, camera.near)
-
-    def image(values: Tensor) -> Tensor:
-        """Arrange values of pixels as an image: [C, P] or [P] -> [C, H, W] or [H, W]."""
-        out = values.new_zeros(*values.shape[:-1], camera.height, camera.width)
-        out[..., wanted] = values
-        return out
+    image = partial(_as_image, wanted=wanted)
 
     color, alpha, depth = torch.einsum("np,nc->cp", w, rgb), w.sum(0), (w * t).sum(0)
     visible = torch.zeros(len(gaussians), dtype=torch.bool)

@@ -16,7 +16,7 @@ from mgf_engine.mesh.photometric import (
     correlations,
     match_surface,
 )
-from mgf_engine.mesh.reference_photometric import depth_steps, match_depths
+from mgf_engine.mesh.reference_photometric import PhotoPair, depth_steps, match_depths
 from mgf_engine.model.scene import View
 from mgf_engine.native import library
 from mgf_engine.scene.kernel_photos import pixel_transfer
@@ -72,11 +72,11 @@ def test_kernel_equals_its_twin(variant: str) -> None:
     scores, counts, step = correlations(noisy, others, pixels)
     v = noisy.view
     maps = [pixel_transfer(v, other.view) for other in others]
+    first, inverse = (noisy.grey.astype(float), noisy.depth.astype(float)), np.array([1 / v.fx, 1 / v.fy, v.cx, v.cy])
     found = [
         match_depths(
-            pixels, noisy.normal.reshape(-1, 3)[pixels].astype(float), step.astype(float), OPTIONS.steps,
-            (noisy.grey.astype(float), noisy.depth.astype(float)), np.array([1 / v.fx, 1 / v.fy, v.cx, v.cy]),
-            m, (other.grey.astype(float), other.depth.astype(float)), OPTIONS.jump, OPTIONS.hidden, OPTIONS.texture,
+            PhotoPair(first, (other.grey.astype(float), other.depth.astype(float)), inverse, m), pixels,
+            noisy.normal.reshape(-1, 3)[pixels].astype(float), step.astype(float), OPTIONS,
         )
         for m, other in zip(maps, others, strict=True)
     ]  # fmt: skip

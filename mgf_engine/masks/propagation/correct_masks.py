@@ -27,7 +27,12 @@ from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, M
 from mgf_engine.masks.refinement.mirrored_sky import MirroredSkyOptions, find_mirrored_sky
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.stray_pieces import find_stray_pieces
-from mgf_engine.masks.refinement.thin_structures import ThinStructureOptions, ThinStructures, find_thin_structures
+from mgf_engine.masks.refinement.thin_structures import (
+    SceneContext,
+    ThinStructureOptions,
+    ThinStructures,
+    find_thin_structures,
+)
 from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
@@ -189,11 +194,12 @@ class MaskCorrection:
 
     def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
         """Draw clicked steelwork that the masks lack; doubted clicks count, since regions are too coarse for it."""
-        leafy, up = (lambda index: self._of_regions(index, self.graph.plants)), self.graph.shape.up
-        found = find_thin_structures(
-            self.scene, self.all_prompts, self.labels, self._sky, leafy, accepted, up, self.plane,
-            self.config.algorithm(ThinStructureOptions),
+        known = SceneContext(
+            self.scene, accepted, self.graph.shape.up, self.plane, self._sky,
+            lambda index: self._of_regions(index, self.graph.plants),
         )  # fmt: skip
+        options = self.config.algorithm(ThinStructureOptions)
+        found = find_thin_structures(known, self.all_prompts, self.labels, options)
         if found is not None:
             for _ in self._map(lambda i: found.draw(i, self.scene.views[i], self.labels[i], ground)):
                 self.reporter.check()

@@ -90,16 +90,13 @@ class GeometricOdds:
         region_grounded, point_grounded = np.split(evidence.grounded, cut)
         over = evidence.over[graph.region_count :]
         points = probability[graph.region_count :]
-        added_ground = np.zeros(graph.added_count)
         ground = self._find_ground(points, prompts, seed)
-        if ground is not None:
-            held = ground.holds(graph.scene, graph.shape)
-            added_ground = ground.holds(graph.full, self.full_shape)[graph.point_count :]
-            point_odds[:] = own.ground_odds * held
-            region_odds[:] = own.ground_odds * graph.shows_added(added_ground)
-            point_grounded[:] = held > 0.5
-            points = np.minimum(points, 1 - held)
-            evidence = replace(evidence, ground=ground)
+        evidence = replace(evidence, ground=ground)
+        held, added_ground = self._rate_ground(ground)
+        point_odds[:] = own.ground_odds * held
+        region_odds[:] = own.ground_odds * graph.shows_added(added_ground)
+        point_grounded[:] = held > 0.5
+        points = np.minimum(points, 1 - held)
         keep, apart = self._building_points(points, prompts)
         keep &= ~self.floating(prompts)[: graph.point_count]
         point_odds += own.apart_odds * apart
@@ -123,6 +120,14 @@ class GeometricOdds:
         share = within / np.maximum(np.bincount(observed, minlength=graph.point_count), 1)
         point_odds += own.within_odds * share * ~point_grounded
         return evidence
+
+    def _rate_ground(self, ground: Ground | None) -> tuple[Array, Array]:
+        """Rate how far each sparse point and each added one is ground, 0..1; 0 where there is none."""
+        graph = self.graph
+        if ground is None:
+            return np.zeros(graph.point_count), np.zeros(graph.added_count)
+        added = ground.holds(graph.full, self.full_shape)[graph.point_count :]
+        return ground.holds(graph.scene, graph.shape), added
 
     def silhouettes(self, probability: Array, placed: GeometricEvidence, views: Sequence[int]) -> Array:
         """Compute the odds that the silhouettes of all other photos give to regions, [N]; 0 elsewhere.

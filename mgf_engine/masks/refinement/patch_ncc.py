@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +43,7 @@ class Patches:
             seen: [n, h, 2], the first and one past the last pixel of each row that shows anything; -1 elsewhere.
         """
         result = np.empty(self.lightness.shape, np.float32)
-        self._compare(lights, seen, 0, None, None, 0.0, len(lights), count, result)
+        self._call(lights, seen, None, 0.0, 0, None, None, len(lights), count, result)
         return result
 
     def compare(
@@ -62,17 +64,21 @@ class Patches:
             nothing is seen; correlations with the ``last`` pictures whatever the colours are: ``count_last`` count.
         """
         fits, colours, alone = (np.empty(self.lightness.shape, np.float32) for _ in range(3))
-        self._compare(labs, seen, count, fits, colours, most, last, count_last, alone)
+        self._call(labs, seen, self.smooth, most, count, fits, colours, last, count_last, alone)
         return fits, colours, alone
 
-    def _compare(
-        self, others: NDArray[np.uint8], seen: NDArray[np.int32], count: int, fits: Map | None, colours: Map | None,
-        most: float, last: int, count_last: int, alone: Map,
-    ) -> None:  # fmt: skip
+    def _call(
+        self,
+        others: NDArray[np.uint8],
+        seen: NDArray[np.int32],
+        smooth: NDArray[Any] | None,
+        most: float,
+        *rest: Any,
+    ) -> None:
+        """Call the kernel; ``rest`` are its last arguments, from the number of the best on."""
         failed = call(
             "mgf_compare_patches", len(others), *self.lightness.shape, 1 if others.ndim == 3 else others.shape[3],
-            others, seen, self.lightness, self.average, self.variance, None if fits is None else self.smooth,
-            float(self.texture), float(most), count, fits, colours, last, count_last, alone,
+            others, seen, self.lightness, self.average, self.variance, smooth, float(self.texture), float(most), *rest,
         )  # fmt: skip
         if failed:
             raise MemoryError("Not enough memory to compare patches of the photos; work at a lower resolution.")

@@ -47,6 +47,27 @@ class ThinStructureOptions:
 
 
 @dataclass(frozen=True)
+class SceneContext:
+    """A scene and what is known of it besides its masks.
+
+    Attributes:
+        scene: photos, cameras and sparse points.
+        accepted: [P], sparse points of the building.
+        up: [3], normalised frame.
+        ground: on which the building stands, if known.
+        sky: view -> bool [H, W], regions that are sky.
+        leafy: view -> float [H, W], probability of vegetation.
+    """
+
+    scene: Scene
+    accepted: NDArray[np.bool_]
+    up: NDArray[np.float64]
+    ground: Ground | None
+    sky: Callable[[int], NDArray[np.bool_]]
+    leafy: Callable[[int], NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
 class ThinStructures:
     """The parts found, and the clicks they explain as (view, row among the positive clicks)."""
 
@@ -75,44 +96,37 @@ class ThinStructures:
 
 
 def find_thin_structures(
-    scene: Scene,
+    known: SceneContext,
     prompts: Prompts,
     labels: Sequence[NDArray[np.uint8]],
-    sky: Callable[[int], NDArray[np.bool_]],
-    leafy: Callable[[int], NDArray[np.float32]],
-    accepted: NDArray[np.bool_],
-    up: NDArray[np.float64],
-    ground: Ground | None,
     options: ThinStructureOptions = ThinStructureOptions(),
 ) -> ThinStructures | None:
     """Find parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
 
     Args:
-        scene: photos, cameras and sparse points.
+        known: scene, points of the building, sky and plants.
         prompts: all clicks, doubted ones too.
         labels: per view uint8 [H, W], as drawn so far.
-        sky: view -> bool [H, W], regions that are sky.
-        leafy: view -> float [H, W], probability of vegetation.
-        accepted: [P], sparse points of the building.
-        up: [3], normalised frame.
-        ground: on which they stand, if known.
         options: of the search.
     """
-    missed = _missed(prompts, labels, options)
-    if len({view for view, _, _ in missed}) < options.photos or accepted.sum() < 10:
+    scene, missed = known.scene, _missed(prompts, labels, options)
+    if len({view for view, _, _ in missed}) < options.photos or known.accepted.sum() < 10:
         return None
     outlines = []
     for index, view in enumerate(scene.views):
-        seen = find_silhouette(lab_of(scene.photo(index)), sky(index), view, up, options=options.silhouette)
-        unexplained = seen.solid & ~building(labels[index]) & (leafy(index) < options.leafy)
+        lab, sky = lab_of(scene.photo(index)), known.sky(index)
+        seen = find_silhouette(lab, sky, view, known.up, options=options.silhouette)
+        unexplained = seen.solid & ~building(labels[index]) & (known.leafy(index) < options.leafy)
         outlines.append(SkySilhouette(seen.empty, unexplained))
-    hull = _hull(scene, outlines, accepted, options)
+    hull = _hull(scene, outlines, known.accepted, options)
     parts = hull.parts()
     wanted, explained = _clicked(scene, hull, parts, missed, options)
     if not wanted:
         return None
     hull = hull.where(np.isin(parts, list(wanted)))
-    return ThinStructures(hull if ground is None else hull.standing(ground, options.silhouette), outlines, explained)
+    if known.ground is not None:
+        hull = hull.standing(known.ground, options.silhouette)
+    return ThinStructures(hull, outlines, explained)
 
 
 def _missed(

@@ -21,7 +21,7 @@ from mgf_engine.masks.refinement.sky_silhouette import (
     find_silhouette,
     over_horizon,
 )
-from mgf_engine.masks.refinement.thin_structures import ThinStructures, find_thin_structures
+from mgf_engine.masks.refinement.thin_structures import SceneContext, ThinStructures, find_thin_structures
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
 from mgf_engine.model.scene import Scene, View
 
@@ -63,7 +63,7 @@ def search(
         return sky_of(scene.views[index])
 
     everything = np.ones(len(scene.points), bool)
-    return find_thin_structures(scene, prompts, labels, sky, leaves, everything, UP, ground), labels
+    return find_thin_structures(SceneContext(scene, everything, UP, ground, sky, leaves), prompts, labels), labels
 
 
 def draw(found: ThinStructures, scene: Scene, labels: list[NDArray[np.uint8]]) -> None:
@@ -187,8 +187,8 @@ def test_far_too_few_points_tell_no_place(scene: Scene, tmp_path: Path) -> None:
     labels = [photograph(view)[1].astype(np.uint8) for view in scene.views]
     nothing = np.zeros(len(scene.points), bool)
     leafy = lambda i: np.zeros((1, 1))  # noqa: E731
-    assert find_thin_structures(scene, prompts, labels, lambda i: sky_of(scene.views[i]), leafy, nothing,
-                         UP, None) is None  # fmt: skip
+    known = SceneContext(scene, nothing, UP, None, lambda i: sky_of(scene.views[i]), leafy)
+    assert find_thin_structures(known, prompts, labels) is None
 
 
 @pytest.mark.parametrize(("sky", "kept"), [(0, True), (1, True), (2, False)])
