@@ -173,10 +173,10 @@ def _misfit_text(
     source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None, options: ControlPointOptions
 ) -> str:
     """Return what is wrong with points that do not fit: swapped axes, heights, or marks and names."""
-    matrix, fits = _fit(source, target[:, [1, 0, 2]], sd, options)
-    if 2 * fits.sum() > len(points) and not _upside_down(matrix, up):
-        return "East and north of the control points seem swapped; exchange the two columns."
     matrix, fits = _fit(source, target, sd, options)
+    mirrored, swapped = _fit(source, target[:, [1, 0, 2]], sd, options)
+    if 2 * swapped.sum() > len(points) and swapped.sum() >= fits.sum() and not _upside_down(mirrored, up):
+        return "East and north of the control points seem swapped; exchange the two columns."
     if 2 * fits.sum() > len(points) and _upside_down(matrix, up):
         return (
             "By the control points the building would lie on its side or stand on its head; check the signs of their "

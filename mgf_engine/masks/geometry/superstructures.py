@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.ground_plan import GroundPlan, GroundPlanOptions
-from mgf_engine.masks.geometry.plan_grid import inside
+from mgf_engine.masks.geometry.plan_grid import PlanGrid, inside
 from mgf_engine.masks.geometry.point_features import PointFeatures
-from mgf_engine.masks.image_ops import disc
+from mgf_engine.masks.image_ops import disc, enclosed
+from mgf_engine.scene.gravity import horizontal_axes
 
 _FEWEST = 10  # points of a building that has a ground plan
 
@@ -23,10 +23,8 @@ class SuperstructureOptions:
     """Options of what stands on the roof."""
 
     height: float = parameter(0.7, "Minimum height above the lowest points, as a share of the building's height around")
-    around: float = parameter(
-        0.12, "Radius in which the building's height is its greatest, as a share of the longer side of the plan", high=1
-    )
-    plan: GroundPlanOptions = GroundPlanOptions()
+    side: int = parameter(64, "Number of cells along the longer side of the plan", low=4)
+    gap: float = parameter(0.12, "Half width of gaps that belong to the plan, as a share of its longer side", high=1)
 
 
 def find_superstructures(
@@ -41,21 +39,25 @@ def find_superstructures(
         points: [P, 3].
         keep: points of the building, bool [P].
         shape: direction of "up" and what is known of each point.
-        options: how high points must lie, and of the plan.
+        options: how high points must lie, and of the plan below them.
     """
     keep = shape.supported(keep)
     if keep.sum() < _FEWEST:
         return np.zeros(len(points), bool)
-    plan, height = GroundPlan.of(points[keep], shape.up, options.plan), points @ shape.up
-    at = plan.grid.cells(points)
-    mapped, at = inside(at, plan.area.shape), np.clip(at, 0, np.array(plan.area.shape) - 1)
-    top = np.full(plan.area.shape, -np.inf, np.float32)
-    own = keep & mapped
-    np.maximum.at(top, tuple(at[own].T), height[own])
+    axes, height = horizontal_axes(shape.up), points @ shape.up
+    plan = (points @ axes.T)[keep]
+    low, high = plan.min(0), plan.max(0)
+    grid = PlanGrid(axes, low, max(float((high - low).max()) / options.side, 1e-9))
+    reach = round(options.gap * options.side)
+    size = np.ceil((high - low) / grid.cell).astype(int) + 1 + 2 * reach
+    at = grid.cells(points) + reach
+    mapped, at = inside(at, size), np.clip(at, 0, size - 1)
+    top = np.full(size, -np.inf, np.float32)
+    np.maximum.at(top, tuple(at[keep].T), height[keep])
+    closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, disc(reach))
+    area = enclosed(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
     floor = float(np.percentile(height[keep], 1))
-    raised = np.where(np.isfinite(top), top - floor, 0).astype(np.float32)
-    tall = cv2.dilate(raised, disc(round(options.around * options.plan.side)))
+    tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), disc(reach))
     tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
-    area = cv2.dilate(plan.area.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     x, y = at.T
     return np.asarray(mapped & area[x, y] & (height - floor > options.height * tall[x, y]), bool)
