@@ -23,8 +23,8 @@ from mgf_engine.errors import BadInput
 from mgf_engine.option_values import check_limits, convert, shown
 from mgf_engine.stages import SECTIONS, STAGES
 
-#: Fewer photos are trained on for as long as so many, and more are too. The surface is best after some tens of passes
-#: over the photos; then the field goes on to explain what mirrors, and digs dents behind panes.
+#: Training iterations grow with the number of photos, which is clamped to these limits. The surface is best after some
+#: tens of passes over the photos; with more, the field explains reflections by dents behind the panes.
 RUN_LENGTH = {"fewest": 20, "most": 60}
 
 T = TypeVar("T")

@@ -34,9 +34,10 @@ Terms = dict[str, float]
 
 #: Per stage ``cpu`` (seconds on one core of the machine that was measured), ``serial`` (the share of them that one
 #: core works on alone) and ``bytes``. ``building``: share of the pixels before clicks or masks tell. ``gaussians``:
-#: what a field reaches of those that it may have, trained or not; where that is fewer, ``least`` and so many per pixel
-#: of the building. ``measured``: photos compared besides those kept out. ``pairs``: of each photo where not all are
-#: matched. ``speed``: limits of what is learned of a machine. ``threads``: more bring nothing.
+#: share of the allowed number of Gaussians that a field reaches, trained (``grown``) or not (``untrained``), or, where
+#: that is fewer, ``least`` + ``per_pixel`` times the building's pixels. ``measured``: photos rendered for the metrics
+#: besides the held-out ones. ``pairs``: photos that each photo is matched with where not all are. ``speed``: limits of
+#: the measured speed of a machine. ``threads``: number from which more threads bring nothing.
 COSTS: dict[str, Any] = {
     "stages": {stage.name: stage.cost for stage in STAGES},
     "building": 0.4,
@@ -54,14 +55,14 @@ def amount(terms: Terms, quantities: dict[str, float]) -> float:
 
 
 def seconds_of(stage: str, quantities: dict[str, float]) -> float:
-    """Return seconds that a stage takes on the machine that was measured, with so many threads."""
+    """Return the seconds that a stage takes on the reference machine, with the threads among ``quantities``."""
     cost = COSTS["stages"][stage]
     threads = min(COSTS["threads"], quantities["threads"])
     return amount(cost["cpu"], quantities) * (cost["serial"] + (1 - cost["serial"]) / threads)
 
 
 def bytes_of(stage: str, quantities: dict[str, float]) -> float:
-    """Return the most memory that a stage takes with so many threads."""
+    """Return the peak memory of a stage in bytes, with the threads among ``quantities``."""
     threads = min(COSTS["threads"], quantities["threads"])
     return amount(COSTS["stages"][stage]["bytes"], {**quantities, "threads": threads})
 

@@ -144,7 +144,8 @@ def _arguments(parser: Parser, rows: list[str]) -> Iterator[str]:
 
 def _usage(action: argparse.Action) -> str:
     """An argument as it is typed."""
-    value = str(action.metavar or ("|".join(map(str, action.choices)) if action.choices else action.dest.upper()))
+    shown = " ".join(action.metavar) if isinstance(action.metavar, tuple) else action.metavar
+    value = shown or ("|".join(map(str, action.choices)) if action.choices else action.dest.upper())
     if not action.option_strings:
         return value
     return action.option_strings[0] if action.nargs == 0 else f"{action.option_strings[0]} {value}"

@@ -147,8 +147,8 @@ def wall_deviation(
 def deviation_picture(deviation: NDArray[np.float32], small: str = "mm") -> NDArray[np.uint8]:
     """Colour blue behind the plane, white on it, red before it, RGBA [H, W, 4]; full colour at the 98th percentile.
 
-    Below it, the scale of colours, its ends in thousandths of the unit, which ``small`` names: the picture is so many
-    rows higher than the map.
+    A colour bar is added below, so the picture has more rows than the map; its ends are in thousandths of the unit,
+    which ``small`` names.
     """
     known = np.isfinite(deviation)
     limit = max(float(np.percentile(np.abs(deviation[known]), 98)) if known.any() else 1.0, 1e-9)
@@ -161,7 +161,7 @@ def deviation_picture(deviation: NDArray[np.float32], small: str = "mm") -> NDAr
 
 
 def _color_bar(limit: float, width: int, small: str) -> NDArray[np.uint8]:
-    """Return the scale of colours below a picture of so many pixels, RGBA: blue behind, red before."""
+    """Draw the colour bar below a picture ``width`` pixels wide, RGBA: blue behind, red before."""
     size = max(width, 240) / 1000  # of the letters, so that they can be read where the picture is shown whole
     high, wide = int(60 * size) + 24, min(width, int(500 * size) + 100)
     bar = np.full((high, width, 3), 255, np.uint8)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a drawing shows as regions: each pixel belongs to a plane of the mesh, to something loose, or to nothing.
+"""Segment a drawing into regions: each pixel belongs to a plane of the mesh, to no plane, or to nothing.
 
-Planes of the mesh begin the regions; they grow over what lies in them but for noise, further planes are put through
-what is left, small regions and holes go to what is around, and borders are smoothed. Noise ends here.
+Regions begin with the planes of the mesh and grow over pixels near these planes. RANSAC fits further planes to the
+pixels left over; small regions and holes are merged with the region around them, and a majority filter smooths borders.
 """
 
 from __future__ import annotations

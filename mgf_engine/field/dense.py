@@ -66,15 +66,15 @@ def dense_points(
     matching = Matching(options.neighbours, options.longest_side, options.stereo)
     scene_to_match, kept = points_to_match(scene, masks, views, options.hull)
     depths = match_photos(scene_to_match, views, kept, inside, matching, threads, reporter.check)
-    agreed = parallel_map(lambda i: _agreed(i, depths, scene), depths.maps, threads)
-    found = [f for f in agreed if len(f[0])]
+    confirmed = parallel_map(lambda i: _confirmed_points(i, depths, scene), depths.maps, threads)
+    found = [f for f in confirmed if len(f[0])]
     if not found:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3))
     points, colors, towards = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return _thin(points, colors, towards, limit)
 
 
-def _agreed(
+def _confirmed_points(
     index: int, depths: Depths, scene: Scene
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
     """Return the points of one view whose depth at least one neighbour confirms, with colours and the view's centre."""

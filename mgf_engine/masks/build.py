@@ -35,7 +35,7 @@ from mgf_engine.masks.user_masks import read_supplied
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions, find_contradicted_masks
 from mgf_engine.masks.validation.low_texture import LowTextureOptions, low_texture_share, low_texture_warning
 from mgf_engine.masks.validation.mask_coverage import CoverageOptions, describe_misfits, mark_ignored, measure_coverage
-from mgf_engine.masks.validation.mask_flags import consistency
+from mgf_engine.masks.validation.mask_flags import measure_consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.scene import Scene, most_pixels
@@ -108,9 +108,9 @@ def _first_level(
         The masks; the clicks and the segmenter that they were made with, none where there are no clicks.
     """
     if not config.use_masks:
-        return _everything(scene), {}, None
+        return _all_building(scene), {}, None
     if masks_folder is not None:
-        return _supplied(scene, masks_folder, config), {}, None
+        return _user_masks(scene, masks_folder, config), {}, None
     if prompts is None:
         raise no_clicks()
     clicks = read_prompts(prompts, scene, reporter.warning)
@@ -142,7 +142,7 @@ def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] =
     return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, config.device != "cpu", warn)
 
 
-def _everything(scene: Scene) -> Propagation:
+def _all_building(scene: Scene) -> Propagation:
     """Make masks in which every pixel and every point is building, for ``use_masks`` off."""
     labels = tuple(np.full((v.height, v.width), BUILDING, np.uint8) for v in scene.views)
     count = len(scene.views)
@@ -150,7 +150,7 @@ def _everything(scene: Scene) -> Propagation:
     return Propagation(masks, [""] * count, [], 1.0)
 
 
-def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
+def _user_masks(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
     """Read and check the user's masks; photos without one stay out of training."""
     given = read_supplied(masks_folder, scene)
     labels, reasons = [], []
@@ -168,7 +168,7 @@ def _supplied(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
     voters = choose_voters(scene, np.flatnonzero(used).tolist(), (), votes)
     points = vote(scene.points, scene, labels, voters, votes, rows, config.threads)
     masks = MaskSet(tuple(labels), used, used.astype(np.float32), points)
-    return Propagation(masks, reasons, describe_misfits(scene, fit), consistency(scene, masks, votes.dilation))
+    return Propagation(masks, reasons, describe_misfits(scene, fit), measure_consistency(scene, masks, votes.dilation))
 
 
 def _second_level(
@@ -180,6 +180,17 @@ def _second_level(
     reporter: Reporter,
     options: PartOptions,
 ) -> tuple[MaskSet, list[Part]]:
+    """Add the elements of the building to the label maps, and tie them into parts of the scene.
+
+    Args:
+        scene: photos, cameras and sparse points.
+        masks: of the first level.
+        clicks: by view index; those on parts name elements.
+        segmenter: EfficientSAM finds the elements; any other leaves that to colour.
+        threads: number of worker threads.
+        reporter: for the request to cancel.
+        options: of elements and parts.
+    """
     sam = segmenter if isinstance(segmenter, EfficientSam) else None
     labels, names = [], []
 

@@ -123,7 +123,7 @@ def find_level(
         steps: points tried on each segment at most.
 
     Returns:
-        points [E, 3] at which ``NEAR_ENOUGH`` was met, or the best guess after so many steps: where distances are
+        points [E, 3] at which ``NEAR_ENOUGH`` was met, or the best guess after ``steps`` tries: where distances are
         unknown it lies within 2^-(steps + 1) of the segment's length.
     """
     place = np.full(len(solid), 0.5)

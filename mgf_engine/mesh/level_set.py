@@ -46,21 +46,21 @@ class Reporting:
 
 def extract_level_set(
     blocks: TetraBlocks,
-    made: Callable[[int], NDArray[np.int32]],
+    make_tetrahedra: Callable[[int], NDArray[np.int32]],
     field: OpacityField | TsdfField,
     steps: int,
     reporting: Reporting = Reporting(),
-    thinned: Callable[[Mesh], Mesh] = lambda mesh: mesh,
+    thin: Callable[[Mesh], Mesh] = lambda mesh: mesh,
 ) -> Mesh:
     """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
 
     Args:
         blocks: points of the tetrahedra.
-        made: makes the tetrahedra of a block by its number, [T, 4].
+        make_tetrahedra: makes the tetrahedra of a block by its number, [T, 4].
         field: tells solid from free.
         steps: of the search for the level on each edge.
         reporting: is told of blocks and progress.
-        thinned: takes vertices out of the mesh of a block, those on its borders excepted, where there are several.
+        thin: takes vertices out of the mesh of a block, those on its borders excepted, where there are several.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
@@ -70,15 +70,15 @@ def extract_level_set(
         state = field.classify(blocks.spanned.points)
 
     def mesh_of(number: int) -> Mesh:
-        def placed(share: float) -> None:
+        def report(share: float) -> None:
             reporting.progress((number + share) / count)
 
         with times.part("tetrahedra"):
-            crossing = march(made(number), state, blocks.spanned.points)
+            crossing = march(make_tetrahedra(number), state, blocks.spanned.points)
             crossed.append(len(crossing.faces))
         with times.part("level set"):
-            mesh = _place(blocks.spanned, crossing, field, steps, placed)
-            return mesh if count < 2 else thinned(clean.weld(clean.with_faces(mesh, mesh.faces)))
+            mesh = _place(blocks.spanned, crossing, field, steps, report)
+            return mesh if count < 2 else thin(clean.weld(clean.with_faces(mesh, mesh.faces)))
 
     mesh = mesh_of(0) if count < 2 else join_blocks(blocks, state, mesh_of, reporting.began)
     if len(mesh.faces) == 0 and not any(crossed):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The photos that may say what is solid, and what matching needs of them."""
+"""Photos whose masks decide what is solid and what is free, and what depth matching needs of them."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def adam_step(
         moments: first and second moment m, v, each as ``parameter``; changed.
         step: rates and number of the step.
         visible: bool [N]; other rows and their moments stay as they are. None: all rows.
-        active: only the first so many numbers of each row are touched. None: all.
+        active: number of leading columns of each row that are updated. None: all.
         backend: ``cpu``, ``cuda``, ``cuda-source-on-cpu`` or ``reference`` (plain torch). None: ``cuda`` for parameters
             on a card, else ``cpu``.
 

@@ -71,7 +71,8 @@ def replaced_points(model: SparseModel, resolution: int, least_scale: float) -> 
 def align_similarity(model: SparseModel, task: Task) -> SparseModel | None:
     """Return the model moved, turned and scaled so that most cameras and chosen points lie where they lay.
 
-    How nearly, is told by the disagreement: so many pixels, seen from the cameras (which are about 1 away).
+    RANSAC counts those as inliers that move by fewer pixels, seen from the cameras, than the model and its photos
+    disagree by.
     """
     source, target = (np.concatenate([centres(m), m.points.xyz[task.used]]) for m in (model, task.model))
     focal = [colmap_camera(c, working_scale(c, task.resolution)).mean_focal_length() for c in model.cameras.values()]

@@ -133,7 +133,7 @@ class Room:
 
     @contextmanager
     def photo(self, width: int, height: int) -> Iterator[None]:
-        """Wait until a photo of so many pixels may be opened; it is gone when the block ends."""
+        """Wait until a photo of ``width`` x ``height`` pixels fits into memory, and reserve it inside the block."""
         wanted, room = width * height * _BYTES_PER_PIXEL, share(_SHARE, _MEMORY)
         with self._changed:
             self._changed.wait_for(lambda: self._taken == 0 or self._taken + wanted <= room)

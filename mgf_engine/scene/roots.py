@@ -49,7 +49,7 @@ def sample_views(
     count: int,
     wanted: Collection[int] = (),
 ) -> list[int]:
-    """Choose so many views, spread by farthest-point sampling; fewer are among the first of more.
+    """Choose views by farthest-point sampling; a smaller ``count`` gives the first ones of a larger.
 
     Two views are far apart when they stand apart or look in different directions. The first view is the one with the
     most observed points, ties go to the lower index, so the choice depends on the scene alone.

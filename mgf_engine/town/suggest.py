@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--point", type=float, nargs=3, default=None, metavar=("X", "Y", "Z"),
-        help="a point on the building, scene coordinates; else --crop-box tells, or the largest building is taken",
+        help="a point on the building, scene coordinates; default: the building in --crop-box, else the largest one",
     )  # fmt: skip
     add_reporting_arguments(parser)
 
@@ -58,10 +58,10 @@ def suggest_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
 
 
 def _suggest(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter) -> None:
-    """Do it.
+    """Suggest the clicks, write them and the sheet, and report them.
 
     Raises:
-        BadInput: as the scene stage and :func:`clicks_on_one`; earlier clicks are then still there.
+        BadInput: as the scene stage and :func:`suggest_for_one`; earlier clicks are then still there.
     """
     from mgf_engine.town.plan import SCENE, shared_scene
 
@@ -70,7 +70,7 @@ def _suggest(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter
     job, scene = shared_scene(args.scene, *where, reporter)
     reporter.stages = (*reporter.stages, STAGE)
     reporter.stage(STAGE)
-    clicks, place = clicks_on_one(scene, job.config, args.point, reporter)
+    clicks, place = suggest_for_one(scene, job.config, args.point, reporter)
     args.out.mkdir(parents=True, exist_ok=True)
     write_if_changed(args.out / CLICKS, json_text(clicks, indent=1))
     draw_clicks(scene, clicks, args.out / SHEET)
@@ -83,7 +83,7 @@ def _suggest(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter
     print(f"{count} clicks on {len(clicks)} photos: {args.out / CLICKS}; look at {args.out / SHEET} first.")
 
 
-def clicks_on_one(
+def suggest_for_one(
     scene: Scene, config: Config, point: Sequence[float] | None, reporter: Reporter
 ) -> tuple[Clicks, str]:
     """Return clicks on the building at a point, in the crop box, or the largest one.
@@ -106,7 +106,7 @@ def clicks_on_one(
     georeference, metre = place_scene(scene, config, reporter.warning)
     points = local_points(scene, georeference)
     polygons = [outline.polygon for outline in find_outlines(points, metre, options.outlines)]
-    wanted = _region(config, point, georeference, polygons, metre, options.point_reach)
+    wanted = _wanted_outline(config, point, georeference, polygons, metre, options.point_reach)
     others = [p for p in polygons if p.intersection(wanted).area < 0.3 * min(p.area, wanted.area)]
     shapes = np.empty(1 + len(others), object)
     shapes[:] = [wanted, *others]
@@ -124,7 +124,7 @@ def clicks_on_one(
     return clicks, f"Building at {', '.join(f'{v:.2f}' for v in at)} (scene): {size}"
 
 
-def _region(
+def _wanted_outline(
     config: Config,
     point: Sequence[float] | None,
     georeference: Georeference,

@@ -101,8 +101,8 @@ def find_ground(
 
 
 def _draws(rng: np.random.Generator, share: NDArray[np.float64], count: int) -> Iterator[NDArray[np.int64]]:
-    """Yield three different rows by their shares [N], so many times: ``rng.choice``, but the shares are summed up
-    once."""
+    """Yield ``count`` samples of three different rows, drawn by their shares [N]: ``rng.choice`` that sums the shares
+    up once."""
     below = np.cumsum(share)
     below /= below[-1]
     for _ in range(count):

@@ -40,7 +40,7 @@ from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions
-from mgf_engine.masks.validation.mask_flags import FlagOptions, consistency, flag_by_masks, flag_reason
+from mgf_engine.masks.validation.mask_flags import FlagOptions, flag_by_masks, flag_reason, measure_consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
@@ -230,7 +230,10 @@ class _Propagator:
             point_mask = self._accepted(self.scene, choose_voters(self.scene, voters, clicked, self.vote_options))
         masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
         return Propagation(
-            masks, reasons, self._prompt_messages(doubts), consistency(self.scene, masks, self.vote_options.dilation)
+            masks,
+            reasons,
+            self._prompt_messages(doubts),
+            measure_consistency(self.scene, masks, self.vote_options.dilation),
         )
 
     def _correct(self, accepted: NDArray[np.bool_], voters: list[int]) -> set[tuple[int, int]] | None:

@@ -24,11 +24,10 @@ class FlagOptions:
         0.3, "Agreement with the visual hull of the other photos below which a mask without points is left out", high=1
     )
     least_building: float = parameter(0.005, "Minimum share of a photo that the building covers", high=1)
-
     hull: MaskHullOptions = MaskHullOptions()
 
 
-def consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
+def measure_consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
     """Return the share of the sparse points observed in three used photos or more on which those photos agree.
 
     Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).

@@ -19,7 +19,7 @@ Grid = int | tuple[int, int]
 
 @dataclass(frozen=True)
 class At:
-    """A place inside a tensor that need not be contiguous: so many elements from its first one on."""
+    """A place inside a tensor, which need not be contiguous: ``offset`` elements after its first one."""
 
     tensor: Tensor
     offset: int
@@ -40,7 +40,7 @@ class Launcher(Protocol):
 
 
 def blocks(items: int, each: int = THREADS) -> int:
-    """Return how many blocks it takes for so many items."""
+    """Return the number of blocks of ``each`` threads that hold ``items`` threads."""
     return -(-items // each)
 
 

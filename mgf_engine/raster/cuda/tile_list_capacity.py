@@ -52,7 +52,7 @@ class TileListCapacity:
         return self._lost + sum(asked.needed > asked.room for asked in self._asked)
 
     def take(self, gaussians: int, tiles: int) -> int:
-        """Return the room for a rendering of so many Gaussians into so many tiles; 0: not known, wait."""
+        """Return the capacity of the lists for a rendering of N Gaussians into T tiles; 0: not known, wait."""
         self._hear()
         if tiles not in self._per_gaussian:
             return 0
@@ -60,7 +60,7 @@ class TileListCapacity:
         return min(steps * _STEP, MOST)
 
     def learn(self, needed: int, gaussians: int, tiles: int) -> None:
-        """Learn that a rendering of so many Gaussians into so many tiles needed so many entries."""
+        """Learn how many entries a rendering of N Gaussians into T tiles needed."""
         before = self._per_gaussian.get(tiles, 0.0)
         self._per_gaussian[tiles] = max(_KEPT * before, needed / max(gaussians, 1))
 

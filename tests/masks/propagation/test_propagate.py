@@ -155,7 +155,7 @@ def test_a_photo_clicked_the_other_way_round(scene: Scene, house: House, clicks:
     assert any(m["type"] == "warning" and name in m["text"] for m in messages)
 
 
-def test_clicks_on_one_photo_only(scene: Scene, house: House, clicks: Clicks, tmp_path: Path):
+def test_suggest_for_one_photo_only(scene: Scene, house: House, clicks: Clicks, tmp_path: Path):
     name = sorted(clicks)[0]
     masks = run(scene, {name: clicks[name]}, tmp_path)
     scores = ious(masks, scene, house)
