@@ -39,6 +39,14 @@ def test_track_votes_use_the_observed_keypoint(pair: Scene):
     assert vote(pair.points, pair, [left_half(), left_half()], [0, 1], OPTIONS).tolist() == [True, False, False, False]
 
 
+def test_a_track_whose_photos_disagree_is_not_asked_again_by_projection(pair: Scene):
+    """One photo observed the point inside the mask and one outside; its projection lies inside in both."""
+    tied = make_scene(list(pair.views), pair.points[:1], [[(0, 10, 5), (1, 15, 5)]])
+    masks = [left_half(), left_half()]
+    assert vote(tied.points, tied, masks, [0, 1], OPTIONS).tolist() == [True]
+    assert vote(tied.points, tied, masks, [0, 1], OPTIONS, np.arange(1)).tolist() == [False]
+
+
 def test_unknown_pixels_abstain(pair: Scene):
     hidden = np.full((10, 20), IGNORE, np.uint8)
     votes = project_votes(pair.points[:1], pair, [left_half(), hidden], [0, 1], 0)

@@ -26,7 +26,7 @@ def wall_views() -> list[View]:
     return [camera((0.1 * (i - COUNT / 2), -4.0, 0.3), target=(0.1 * (i - COUNT / 2), 0.0, 0.3)) for i in range(COUNT)]
 
 
-def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> TsdfField:
+def wall_surfaces(deeper: int) -> ViewSurfaces:
     """A wall in which ``deeper`` of the views see a hole of some pixels around the origin."""
     views = wall_views()
 
@@ -41,11 +41,22 @@ def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> TsdfField:
         normal[..., 2] = -1
         return Surface(view, np.zeros(depth.shape, np.uint8), depth, normal, np.zeros(depth.shape, bool))
 
-    return TsdfField(make_depth_maps(ViewSurfaces(show), masks or [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT))
+    return ViewSurfaces(show)
+
+
+def wall_field(deeper: int, masks: list[np.ndarray] | None = None) -> TsdfField:
+    """The depth maps of a wall, fused."""
+    return TsdfField(make_depth_maps(wall_surfaces(deeper), masks or [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT))
 
 
 def behind(pixels: float) -> np.ndarray:
     return np.array([[0.0, pixels * 4 / wall_views()[0].fx, 0.0]])
+
+
+def test_the_share_of_the_views_done_is_told() -> None:
+    shares: list[float] = []
+    make_depth_maps(wall_surfaces(0), [np.ones((HEIGHT, WIDTH), np.uint8)] * COUNT, progress=shares.append)
+    assert shares == pytest.approx(np.arange(COUNT) / COUNT)
 
 
 @pytest.mark.parametrize("pixels", [3, 5, 7])

@@ -91,7 +91,7 @@ class BuildingExtent:
         options: ExtentOptions = ExtentOptions(),
     ) -> None:
         self.options = options
-        keep = keep & shape.supported(keep)
+        keep = shape.supported(keep)
         self.scene, self.keep, self.ground = scene, keep, ground
         self.visibility = visibility
         fine = self.options.fine * _map_pixel(scene, keep, self.options)
@@ -103,7 +103,7 @@ class BuildingExtent:
             columns = Columns(over, ground)
         self.columns = make_surface(scene, shape, keep, False, columns, fine, options.surface)
         self.body = make_surface(scene, shape, keep, True, columns, fine, options.surface)
-        others = np.zeros(len(keep), bool) if others is None else others & shape.supported(others)
+        others = np.zeros(len(keep), bool) if others is None else shape.supported(others)
         self.others = make_surface(scene, shape, others, True, None, fine, options.surface)
         self.floor = ground or _lowest(scene, shape, keep)
 

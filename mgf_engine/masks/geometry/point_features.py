@@ -60,7 +60,7 @@ class PointFeatures:
             return keep
         first, second = self.pairs[:, 0], self.pairs[:, 1]
         share = np.bincount(first, keep[second], len(keep)) / np.maximum(np.bincount(first, minlength=len(keep)), 1)
-        return (share >= 0.5) & (self.spacing < 4 * np.median(self.spacing[keep]))
+        return keep & (share >= 0.5) & (self.spacing < 4 * np.median(self.spacing[keep]))
 
 
 def measure_point_features(

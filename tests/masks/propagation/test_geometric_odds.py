@@ -108,6 +108,20 @@ def test_points_before_the_sky_are_no_part_of_the_extent(scene: Scene, graph: La
     assert not extent.keep[wrong].any() and extent.keep.any()
 
 
+def test_improbable_points_away_from_the_building_are_of_other_things(scene: Scene, graph: LabelGraph) -> None:
+    """Half of the scene moved far away and improbable: it may hide the building, and no point near that may."""
+    far = scene.points[:, 0] > np.median(scene.points[:, 0])
+    moved = replace(scene, points=scene.points + 40.0 * far[:, None] * np.array([1.0, 0, 0]))
+    geometry = GeometricOdds(replace_scene(graph, moved))
+    found, others = geometry.extent, []
+    geometry.extent = lambda *given: others.append(given[-1]) or found(*given)  # type: ignore[method-assign]
+    probability = np.concatenate([np.full(graph.region_count, 0.5), np.where(far, 0.05, 0.95)])
+    prompts = {VIEWS[0]: click(scene, ~far & (heights(scene) > 1.0))}
+    evidence = geometry.place(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
+    raised = far & ~evidence.grounded[graph.region_count :]
+    assert raised.any() and others[0][raised].all() and not others[0][~far].any()
+
+
 def replace_scene(graph: LabelGraph, scene: Scene) -> LabelGraph:
     """A graph of the same photos with other points."""
     return LabelGraph(scene, graph.regions, measure_point_features(scene))

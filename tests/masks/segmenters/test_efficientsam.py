@@ -112,6 +112,28 @@ def test_elements_by_a_grid_of_points(sam: EfficientSam, photo: np.ndarray):
     assert all(not (e & ~inside).any() for e in elements)
 
 
+class _FixedMasks:
+    """Answers every question with the same masks, as logits of 10 inside and -10 outside, and their qualities."""
+
+    def __init__(self, masks: list[np.ndarray], quality: list[float]) -> None:
+        self.logits, self.quality = [np.where(mask, 10.0, -10.0).astype(np.float32) for mask in masks], quality
+
+    def embed(self, photo: np.ndarray) -> None:
+        return None
+
+    def ask(self, embedding: None, size: tuple[int, int], points: np.ndarray, labels: np.ndarray):
+        return self.logits, self.quality
+
+
+def test_of_two_masks_that_nearly_agree_the_better_is_kept() -> None:
+    inside = np.ones((40, 60), bool)
+    first, nearly, beside = np.zeros((3, 40, 60), bool)
+    first[10:20, 10:20], nearly[10:20, 11:21], beside[10:20, 16:26] = True, True, True  # overlaps: 9 / 11, 4 / 16
+    model = _FixedMasks([first, nearly, beside], [0.9, 0.95, 0.85])
+    kept = sam_elements(np.zeros((40, 60, 3), np.uint8), inside, model)  # type: ignore[arg-type]
+    assert len(kept) == 2 and (kept[0] == nearly).all() and (kept[1] == beside).all()
+
+
 def test_whole_stage(scene: Scene, house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     weights = tmp_path / "weights"
     install(weights, monkeypatch)
