@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The order in which views are drawn and matched."""
+"""The order in which views are drawn and matched, and the weights of their pixels."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.analytic import camera
 
-from mgf_engine.mesh.depth_maps import visiting_order
+from mgf_engine.mesh.depth_maps import depth_map, visiting_order
+from mgf_engine.mesh.fusion_options import TsdfOptions
+from mgf_engine.mesh.photometric import Surface, without_match
+from mgf_engine.raster.points import INSIDE
 
 
 def most_waiting(near: list[list[int]], order: list[int]) -> int:
@@ -42,3 +46,19 @@ def test_few_views_wait_for_each_other_whatever_their_names() -> None:
 @pytest.mark.parametrize("near", [[], [[]], [[], [], []], [[1], [0], [0, 1]]])
 def test_any_views_have_an_order(near: list[list[int]]) -> None:
     assert sorted(visiting_order(near)) == list(range(len(near)))
+
+
+def test_the_weight_of_a_pixel_is_the_squared_cosine_over_the_squared_depth() -> None:
+    """A wall that faces the camera, 4 away; at the corner of the frame its rays are 29 degrees off."""
+    view = camera((0.0, -4.0, 0.0))
+    shape = view.height, view.width
+    normal = np.zeros((*shape, 3), np.float32)
+    normal[..., 2] = -1
+    wall = Surface(view, np.zeros(shape, np.uint8), np.full(shape, 4.0, np.float32), normal, np.zeros(shape, bool))
+    found = depth_map(wall, np.full(shape, INSIDE, np.uint8), without_match(wall))
+    depth, slope, weight, likeness = found.pixels.reshape(*shape, 4)[5:-5, 5:-5].transpose(2, 0, 1)
+    x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
+    u, v = (x - view.cx) / view.fx, (y - view.cy) / view.fy
+    cosine = (1 / np.sqrt(1 + u**2 + v**2))[5:-5, 5:-5]
+    assert (depth == 4).all() and (slope == 1).all() and (likeness == 0).all()
+    np.testing.assert_allclose(weight, TsdfOptions.unmatched * cosine**2 / 16, rtol=1e-5)
