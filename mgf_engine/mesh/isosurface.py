@@ -69,6 +69,7 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
     crossing &= (code > 0) & (code < 15)
     code = code[crossing]
     ordered = np.take_along_axis(tetrahedra[crossing], _ORDER[code], 1)
+    del tetrahedra, crossing  # the largest arrays of the mesh stage; nobody else holds them
     a, b, c, d = ordered[np.bitwise_count(code) == 1].T
     one = np.stack([a, b, a, c, a, d], 1).reshape(-1, 3, 2)
     a, b, c, d = ordered[np.bitwise_count(code) == 3].T

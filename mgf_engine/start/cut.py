@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.delaunay import begun
 from mgf_engine.geometry.rasterize import render_mesh
+from mgf_engine.geometry.tetgen import begun
 from mgf_engine.model.masks import building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import parallel

@@ -7,7 +7,6 @@ import torch
 from support.analytic import discs, sphere
 
 from mgf_engine.errors import BadInput
-from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.mesh.tetrahedra import tetra_points
 
 
@@ -55,43 +54,3 @@ def test_duplicates_become_one_with_the_larger_extent():
     spanned = tetra_points(twice)
     assert len(spanned.points) == 90
     assert len(np.unique(spanned.points.round(9), axis=0)) == 90
-
-
-@pytest.mark.parametrize("method", ["tetgen", "qhull"])
-def test_delaunay_fills_the_hull_with_positive_tetrahedra(method):
-    points = random_points()
-    tetrahedra = delaunay(points, method)
-    volume = volumes(points, tetrahedra)
-    assert (volume > 0).all()
-    from scipy.spatial import ConvexHull
-
-    assert np.isclose(volume.sum(), ConvexHull(points).volume)
-
-
-def test_both_methods_agree():
-    points = random_points(200)
-    rows = [sorted(map(tuple, np.sort(delaunay(points, m), 1).tolist())) for m in ("tetgen", "qhull")]
-    assert rows[0] == rows[1]
-
-
-def test_grid_points_and_far_origin():
-    grid = np.stack(np.meshgrid(*[np.arange(6.0)] * 3), -1).reshape(-1, 3)
-    for points in (grid, grid * 0.01 + 3e5):
-        volume = volumes(points - points.mean(0), delaunay(points))
-        assert np.isclose(volume.sum(), np.prod(np.ptp(points, axis=0)), rtol=1e-6) and (volume > -1e-12).all()
-
-
-@pytest.mark.parametrize(
-    "points",
-    [
-        np.zeros((0, 3)),
-        np.zeros((3, 3)),
-        random_points(50) * [1, 1, 0],
-        random_points(50) * [1, 0, 0],
-        np.ones((10, 3)),
-        random_points(50) * [1, 1, 1e-9] + 100,
-    ],
-)
-def test_flat_points_are_refused(points):
-    with pytest.raises(BadInput, match="no surface"):
-        delaunay(points)
