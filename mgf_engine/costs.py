@@ -19,6 +19,7 @@ pairs      pairs of those that are matched
 passes     iterations of the training
 gaussians  Gaussians, in 100,000; ``block_gaussians`` of one block
 threads    worker threads
+textured   millions of working pixels that show the building, 0 without a texture
 texture    millions of pixels of the texture at most, 0 without one
 ========== ===========================================================
 """

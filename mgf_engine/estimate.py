@@ -134,6 +134,7 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
         "measured": held_out + COSTS["measured"],
         "gaussians": gaussians, "block_gaussians": gaussians / config.blocks,
         "threads": config.threads or cores(),
+        "textured": building if config.texture else 0,
         "texture": config.texture_size**2 / 1e6 if config.texture else 0,
     }  # fmt: skip
 

@@ -107,7 +107,7 @@ STAGES: tuple[Stage, ...] = (
         inputs="photos",
         outputs=(Output("scene"), Output("scene/scene.npz", proof=True)),
         cost={
-            "cpu": {"": 0.2, "photos taken": 0.06, "photos pixels": 0.06, "unplaced": 1.0, "pairs": 0.05},
+            "cpu": {"": 0.2, "photos taken": 0.045, "photos pixels": 0.025, "unplaced": 0.8, "pairs": 0.04},
             "serial": 0.3,
             "bytes": {"": 0.42e9, "photos pixels": 3.5e6, "threads taken": 17e6},
         },
@@ -128,7 +128,7 @@ STAGES: tuple[Stage, ...] = (
             Output("masks/contact_sheet.jpg", "masks"),
         ),
         cost={
-            "cpu": {"photos": 0.2, "photos pixels": 0.9},
+            "cpu": {"photos": 0.21, "photos pixels": 0.73},
             "serial": 0.15,
             "bytes": {"": 0.53e9, "photos pixels": 11e6, "threads pixels": 80e6},
         },
@@ -149,12 +149,12 @@ STAGES: tuple[Stage, ...] = (
         ),
         cost={
             "cpu": {
-                "": 3.2, "surface": 7.2,
-                "passes": 0.0104, "passes gaussians": 0.085, "passes pixels": 0.02,
+                "": 1.3, "surface": 5.9,
+                "passes": 0.0076, "passes gaussians": 0.067, "passes pixels": 0.01,
             },
             "serial": 0.15,
             "bytes": {
-                "": 0.59e9, "surface": 0.06e9, "block_surface": 0.085e9, "gaussians": 0.05e9, "threads pixels": 30e6,
+                "": 0.55e9, "surface": 0.055e9, "block_surface": 0.04e9, "gaussians": 0.05e9, "threads pixels": 30e6,
             },
         },
     ),
@@ -173,10 +173,10 @@ STAGES: tuple[Stage, ...] = (
             Output("mesh_parts.npz", kept=True, manifest="parts"),
         ),
         cost={
-            "cpu": {"": 6.0, "building": 5.2, "photos building": 0.05},
+            "cpu": {"": 4.8, "building": 4.4, "photos building": 0.037},
             "serial": 0.15,
             "bytes": {
-                "": 0.35e9, "building": 0.18e9, "gaussians": 0.5e9, "block_gaussians": 0.7e9, "threads pixels": 40e6,
+                "": 0.45e9, "building": 0.06e9, "gaussians": 0.2e9, "block_gaussians": 0.35e9, "threads pixels": 40e6,
             },
         },
     ),
@@ -206,7 +206,7 @@ STAGES: tuple[Stage, ...] = (
             Output(MANIFEST, proof=True),
         ),
         cost={
-            "cpu": {"": 1.3, "photos pixels": 0.08, "building": 0.5, "measured pixels": 0.85},
+            "cpu": {"": 1.6, "photos pixels": 0.03, "textured": 0.42, "measured pixels": 0.6},
             "serial": 0.3,
             "bytes": {"": 0.25e9, "building": 0.01e9, "gaussians": 0.85e9, "texture": 6e6, "threads pixels": 280e6},
         },

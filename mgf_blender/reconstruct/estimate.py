@@ -90,6 +90,7 @@ def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, fl
         "measured": held_out + COSTS["measured"],
         "gaussians": gaussians, "block_gaussians": gaussians / options.blocks,
         "threads": options.threads or os.cpu_count() or 1,
+        "textured": building if options.texture else 0,
         "texture": options.texture_size**2 / 1e6 if options.texture else 0,
     }  # fmt: skip
 
