@@ -8,20 +8,17 @@ import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
-from mgf_engine.masks.geometry.visual_hull import points_to_match
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
+from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.holes import cap_rims
-from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.level_set import Reporting, clean_level_set, extract_level_set
 from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
@@ -30,27 +27,26 @@ from mgf_engine.mesh.planar import flatten
 from mgf_engine.mesh.planar_clustering import merge_flat, nearest_pixels
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
-from mgf_engine.mesh.screening import screen, voting_views
+from mgf_engine.mesh.screening import screen
+from mgf_engine.mesh.surface_field import calibrate_level, select_near_box, surface_field
 from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide, tetrahedra_begun
 from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
-from mgf_engine.mesh.trusted_views import Photos, TrustedViews
-from mgf_engine.mesh.tsdf import TsdfField, fuse_gaussians
+from mgf_engine.mesh.trusted_views import TrustedViews
+from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox, crop_of
-from mgf_engine.scene.neighbours import matching_views
 from mgf_engine.start.surface import StartSurface
 from mgf_engine.system import release_memory
 from mgf_engine.timing import PartTimes
 
 log = logging.getLogger("mgf")
 
-#: Shares of the stage, for the progress bar.
-_RENDERED, _TETRAHEDRA, _PLACED, _CLEANED, _REFINED, _COLORED = 0.15, 0.22, 0.5, 0.6, 0.75, 0.8
+#: Shares of the stage, for the progress bar, at the end of each step.
+_TETRAHEDRA, _PLACED, _CLEANED, _REFINED, _COLORED = 0.22, 0.5, 0.6, 0.75, 0.8
 
 
 def extract_mesh(
@@ -136,19 +132,19 @@ def _raw_surface(
             calibrate_level(field, given.scene, given.masks, options)
         mesh = extract_level_set(
             blocks, lambda number: made(number, reporter.check), field, options.level_steps,
-            _reporting(blocks, reporter, times), lambda part: _thinned(part, blocks, given.trusted.views, options),
+            _reporting(blocks, reporter, times), lambda part: _thin_flat(part, blocks, given.trusted.views, options),
         )  # fmt: skip
     if options.blocks > 1 and options.merge_flat:
-        mesh = _seams_thinned(clean.weld(mesh), blocks, given.trusted.views, options)
+        mesh = _thin_seams(clean.weld(mesh), blocks, given.trusted.views, options)
     return mesh, field
 
 
-def _thinned(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
+def _thin_flat(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
     """Merge the vertices of a block's mesh in flat areas, where that is wanted; those that others share stay."""
     return merge_flat(mesh, views, options.clustering, blocks.on_border) if options.merge_flat else mesh
 
 
-def _seams_thinned(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
+def _thin_seams(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
     """Merge the vertices of the joined mesh on the borders; a second round for all others would coarsen them."""
     if len(blocks.members) < 2:  # all points are in one block
         return merge_flat(mesh, views, options.clustering)
@@ -162,7 +158,7 @@ def _seams_thinned(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], optio
 
 @contextlib.contextmanager
 def _part(times: PartTimes, name: str) -> Iterator[None]:
-    """Count what is done inside for a part of the stage, and give back the memory that it needed no longer."""
+    """Time the body of a ``with`` statement as a part of the stage, and release memory after it."""
     with times.part(name):
         yield
         release_memory()
@@ -227,24 +223,6 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
     )  # fmt: skip
 
 
-def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:
-    """Set the level of the surface so that it runs through the most reliable sparse points, where that is wanted.
-
-    Args:
-        field: whose level is set.
-        scene: photos, cameras and sparse points.
-        masks: which tell the points on the building.
-        options: which points are reliable.
-    """
-    if not options.calibrate_level:
-        return
-    long_tracks = np.diff(scene.track_start) >= options.calibration_track
-    sure = masks.point_mask & (scene.errors < options.calibration_error) & long_tracks
-    level = field.calibrate(scene.points[sure])
-    what = "px behind the depths" if isinstance(field, TsdfField) else "is their opacity"
-    log.info("mesh: the surface runs through %d sparse points: %.2f %s", sure.sum(), level, what)
-
-
 def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
     """Attach confidence and number of views to the simplified mesh, and fill dents that no photo confirms."""
     values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
@@ -252,80 +230,6 @@ def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, options: Extraction
     if not (options.span_dents and "confidence" in mesh.values):
         return mesh
     return fill_low_confidence(mesh, mesh.values["confidence"], options.fill)
-
-
-def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions = ExtractionOptions()) -> TrustedViews:
-    """Find the photos whose masks are good enough to tell solid from free.
-
-    Raises:
-        BadInput: there is none.
-    """
-    chosen = voting_views(scene, masks)
-    if not chosen:
-        raise BadInput("No photo has a usable mask, so no view can say what is solid; add clicks on the building.")
-    return TrustedViews(
-        chosen,
-        [scene.views[i] for i in chosen],
-        judging_masks(scene, masks, chosen, options.dilation),
-        [masks.labels[i] for i in chosen],
-        _photos(scene, masks, chosen, options) if options.match_photos else None,
-    )
-
-
-def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: ExtractionOptions) -> Photos:
-    position = {view: number for number, view in enumerate(chosen)}
-    scene_to_match, kept = points_to_match(scene, masks, chosen, options.mask_hull)
-    pairs = matching_views(scene_to_match, kept, chosen, options.neighbours, options.matching)
-
-    def grey(number: int) -> NDArray[np.uint8]:
-        return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)
-
-    return Photos(grey, [[position[k] for k in pairs[i]] for i in chosen])
-
-
-def surface_field(
-    gaussians: Gaussians,
-    trusted: TrustedViews,
-    options: ExtractionOptions,
-    reporter: Reporter,
-    prior: Prior | None = None,
-) -> OpacityField | TsdfField:
-    """Make the field that tells solid from free, as the option ``surface`` says.
-
-    The depth maps of a fused surface are made for an opacity surface, too, where anything asks what the views show.
-
-    Args:
-        gaussians: the screened field.
-        trusted: photos and masks.
-        options: of the extraction.
-        reporter: for progress, warnings and the request to cancel.
-        prior: a surface known before the field.
-    """
-    gaussians = gaussians.to(choose_device(options.device).device)
-    fused = None
-    if options.surface == "fused" or options.match_photos or options.drop_unseen or options.span_dents:
-        fused = fuse_gaussians(
-            gaussians, trusted.views, trusted.verdicts, trusted.photos,
-            lambda share: reporter.progress(_RENDERED * share), prior, options.fusion,
-        )  # fmt: skip
-        if options.surface == "fused":
-            return fused
-    return OpacityField(gaussians, trusted.views, trusted.verdicts, options.opacity, fused)
-
-
-def select_near_box(gaussians: Gaussians, box: CropBox, beside: float) -> Gaussians:
-    """Select the Gaussians in the crop box and up to a share ``beside`` of its size around it.
-
-    They span the tetrahedra and carry the surface to where it is cut. The field keeps all others: without them a view
-    of the far side would see through their places and call the inside of the building free.
-
-    Raises:
-        BadInput: none is there.
-    """
-    near = box.contains(gaussians.positions.detach().double().numpy(), beside)
-    if not near.any():
-        raise BadInput("No Gaussian lies in the crop box; enlarge it or move it over the building.")
-    return gaussians.select(torch.from_numpy(near))
 
 
 def keep_clicked_parts(

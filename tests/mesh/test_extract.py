@@ -288,7 +288,8 @@ def test_screening_follows_its_switches():
 @pytest.mark.parametrize("surface", ["fused", "opacity"])
 def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
     from mgf_engine.mesh import opacity, tsdf
-    from mgf_engine.mesh.extract import find_trusted_views, surface_field
+    from mgf_engine.mesh.find_trusted_views import find_trusted_views
+    from mgf_engine.mesh.surface_field import surface_field
 
     scene, masks = scene_of(ring(8), ball())
     options = mesh_options({"surface": surface})
