@@ -17,10 +17,11 @@ from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.extract import extract_mesh
+from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.hull import judging_masks
 from mgf_engine.mesh.refine import refine
-from mgf_engine.mesh.trusted_views import Photos, TrustedViews, find_trusted_views
+from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 
 FINE = 6  # subdivisions of the ball
 UNSMOOTHED = FusionOptions(smoothing=SmoothingOptions(strength=0.0))  # what matching alone does
