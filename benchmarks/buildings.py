@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.houses import bungalow, half_timber, plain_house, slate_villa
+from benchmarks.houses import brick_wings, bungalow, half_timber, plain_house, slate_villa
 from benchmarks.landmarks import (
     balcony_tower,
     chapel,
@@ -284,6 +284,7 @@ BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "half_timber": half_timber,
     "slate_villa": slate_villa,
     "bungalow": bungalow,
+    "brick_wings": brick_wings,
     "warehouse": warehouse,
     "sheet_hall": sheet_hall,
     "glass_office": glass_office,

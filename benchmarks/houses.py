@@ -169,3 +169,35 @@ def bungalow(wall: str = "cladding") -> list[Part]:
         b.box((px, -y - 2.2, 0.2), (px + 0.12, -y - 2.08, 2.25), "wood_trim", "veranda")
     b.box((-5.2, 0.4, 3.0), (-4.2, 1.2, 5.6), "ashlar", "chimney")
     return b.parts()
+
+
+def brick_wings(wall: str = "brick") -> list[Part]:
+    """Two gabled wings of brick and a hall between them, around a lawn that is open to the south (28 x 20 x 9 m)."""
+    b = Builder()
+    eaves, ridge, over = 6.0, 9.2, 0.4
+    outline = [(-14, -10), (-6, -10), (-6, 3), (6, 3), (6, -10), (14, -10), (14, 10), (6, 10), (-6, 10), (-14, 10)]
+    gables = (0, 4, 6, 8)  # the wings' ends
+    for i, left in enumerate(outline):
+        right = outline[(i + 1) % len(outline)]
+        length = float(np.hypot(*np.subtract(right, left)))
+        holes = wall_row(length, max(2, round(length / 3)), 1.3, 1.2, 2.4)
+        if i == 2:
+            holes[1:-1] = [Opening(length / 2 - 0.9, 0.0, length / 2 + 0.9, 2.8, "door")]
+        b.wall(left, right, 0, eaves, wall, holes, f"side {i}", gable=ridge - eaves if i in gables else 0.0)
+    for middle in (-10.0, 10.0):
+        _ridged(b, (middle, 0.0), (10.0, 4.0), (eaves, ridge), over, along_y=True)
+    _ridged(b, (0.0, 6.5), (9.0, 3.5), (eaves, ridge - 0.4), over, along_y=False)
+    b.box((-10.4, 4.0, 8.0), (-9.6, 4.9, 10.6), wall, "chimneys")
+    return b.parts()
+
+
+def _ridged(b: Builder, middle: Corner, half: Corner, heights: tuple[float, float], over: float, along_y: bool) -> None:
+    """Two tiled slopes over a rectangle; half sizes along and across the ridge, heights of eaves and ridge."""
+    (length, width), (eaves, ridge) = half, heights
+    low = eaves - (ridge - eaves) / width * over
+    for side in (-1.0, 1.0):
+        slope = [(-length - over, side * (width + over), low), (length + over, side * (width + over), low),
+                 (length + over, 0.0, ridge), (-length - over, 0.0, ridge)]  # fmt: skip
+        placed = [(middle[0] - v, middle[1] + u, z + 0.12) if along_y else (middle[0] + u, middle[1] + v, z + 0.12)
+                  for u, v, z in slope]  # fmt: skip
+        b.roof_slab(placed if side < 0 else placed[::-1], 0.18, "tiles", "wood_trim", "roof")
