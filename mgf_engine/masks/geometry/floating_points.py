@@ -24,7 +24,7 @@ class FloatingPointOptions:
     """Options of points that float in the air."""
 
     depth: float = parameter(
-        0.008, "Distance from the edge of the sky from which a point before it floats, share of the longer side", high=1
+        0.013, "Distance from the edge of the sky from which a point before it floats, share of the longer side", high=1
     )
     photos: int = parameter(2, "Minimum number of photos that must show sky behind such a point", low=1)
 
