@@ -27,6 +27,7 @@ from mgf_engine.start.options import CutOptions
 from mgf_engine.start.segments import pixel_rays
 from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
 from mgf_engine.start.views import StartViews
+from mgf_engine.system import release_memory
 
 log = logging.getLogger("mgf")
 _SURE = 1e9  # capacity that nothing exceeds
@@ -78,6 +79,7 @@ def cut_surface(
     first, _ = graph.surface(graph.cut())
     check()
     margin = 0.1 * padding
+    release_memory()  # the graph and the planes of the next walk are the largest there is
     pulled = _pull_uncovered(views, shape, shut, first, (low - margin, high + margin), o)
     graph.add(np.zeros(len(pulled)), pulled / ONE)
     inside = graph.cut()
@@ -116,7 +118,7 @@ def _cast_rays(
     behind = (o.behind * weight * _well_inside(views, evidence.points[point], view, o.well_inside)).astype(np.float32)
     free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
     face = np.zeros((len(shape.corners), 4), np.int32)
-    with shape.walkable() as table:
+    with shape.walkable(from_points=True) as table:
         parallel(
             "mgf_cast_rays", len(point), table, point, view, views.centres, weight, behind,
             float(o.soft * views.pixel), float(o.depth * views.pixel), free, solid, face,

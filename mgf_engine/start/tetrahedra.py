@@ -28,9 +28,8 @@ class Tetrahedra:
     points: Array
     corners: NDArray[np.int32]
 
-    @cached_property
     def around(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """Where the tetrahedra around each point begin in a list, [N + 1], and that list, [4 T] (kernel
+        """List where the tetrahedra around each point begin in a list, [N + 1], and that list, [4 T] (kernel
         ``mgf_tetra_around``)."""
         first, listed = np.empty(len(self.points) + 1, np.int64), np.empty(self.corners.size, np.int32)
         call("mgf_tetra_around", len(self.corners), self.corners, len(self.points), first, listed)
@@ -40,7 +39,7 @@ class Tetrahedra:
     def neighbours(self) -> NDArray[np.int32]:
         """Tetrahedra opposite of each corner, -1 at the rim, [T, 4] (kernel ``mgf_tetra_neighbours``)."""
         result = np.empty_like(self.corners)
-        parallel("mgf_tetra_neighbours", len(result), self.corners, *self.around, result)
+        parallel("mgf_tetra_neighbours", len(result), self.corners, *self.around(), result)
         return result
 
     def planes(self) -> Array:
@@ -65,10 +64,10 @@ class Tetrahedra:
             yield slice(begin, min(begin + _CHUNK, len(self.corners)))
 
     @contextlib.contextmanager
-    def walkable(self) -> Iterator[ctypes.c_void_p]:
+    def walkable(self, from_points: bool = False) -> Iterator[ctypes.c_void_p]:
         """Give the address of a ``struct Tetrahedra`` (``native/csrc/mesh/tetra_rays.c``), while rays walk through
-        them."""
-        around, listed = self.around
+        them; rays that begin at points need the tetrahedra around those."""
+        around, listed = self.around() if from_points else (np.zeros(0, np.int64), np.zeros(0, np.int32))
         arrays = self.corners, self.neighbours, self.planes(), self.points, around, listed
         names = ("corner", "neighbour", "plane", "points", "around", "list")
         kinds = [*((name, ctypes.c_void_p) for name in names), ("count", ctypes.c_int64)]

@@ -109,7 +109,7 @@ def shape() -> Tetrahedra:
 def test_the_tables_are_those_of_the_twins(variant: None) -> None:
     points = np.random.default_rng(3).random((3000, 3))
     shape = Tetrahedra(points, delaunay(points))
-    first, listed = shape.around
+    first, listed = shape.around()
     for point in range(0, len(points), 37):
         assert np.array_equal(listed[first[point] : first[point + 1]], reference.around(shape, point))
     assert len(listed) == first[-1] == 4 * len(shape.corners)
@@ -132,7 +132,7 @@ def test_rays_pass_the_cells_that_the_twin_finds(shape: Tetrahedra, variant: Non
             free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
             face = np.zeros((len(shape.corners), 4), np.int32)
             one = np.ones(1, np.float32)
-            with shape.walkable() as table:
+            with shape.walkable(from_points=True) as table:
                 parallel(
                     "mgf_cast_rays", 1, table, np.array([point], np.int32), np.array([number], np.int32),
                     centres, one, 0 * one, 0.1, 0.2, free, solid, face,
@@ -152,7 +152,7 @@ def test_what_lies_behind_a_point_is_inside(shape: Tetrahedra, variant: None) ->
     behind = shape.points[point] + 0.05 * d / np.linalg.norm(d)
     solid, face = np.zeros(len(shape.corners), np.int32), np.zeros((len(shape.corners), 4), np.int32)
     one = np.ones(1, np.float32)
-    with shape.walkable() as table:
+    with shape.walkable(from_points=True) as table:
         parallel(
             "mgf_cast_rays", 1, table, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
             0.1, 0.05, np.zeros_like(solid), solid, face,
