@@ -21,7 +21,7 @@ from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, shar
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import list_photos
 from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
-from mgf_engine.system import cores, cpu_seconds
+from mgf_engine.system import cores, cpu_seconds, release_memory
 from mgf_engine.terminal import duration
 
 log = logging.getLogger("mgf")
@@ -188,6 +188,7 @@ def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     log.info("stage %s begins", name)
     started, cpu_before = time.perf_counter(), cpu_seconds()
     reporter.warnings.clear()
+    release_memory()  # what the stages before needed no longer is not this one's
     with MemoryMonitor() as memory:
         figures = stage_named(name).runner()(job, reporter)
     seconds, cpu = time.perf_counter() - started, cpu_seconds() - cpu_before
