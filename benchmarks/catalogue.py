@@ -181,7 +181,7 @@ SCENES |= {
 }
 # As `nadir_shingles`, for tuning: hardly any sparse point lies on the roof, and the masks must do without.
 SCENES["nadir_slate"] = replace(SURFACES["nadir_shingles"], building="plain_house", seed=44, held_out=False)
-# A lawn between two wings, and walls that few photos see.
+# A court between two wings, and walls that few photos see.
 SCENES["nadir_wings"] = SceneSpec(building="brick_wings", wall="brick", seed=48, **_NADIR)
 # As `glass_office`, for tuning: panes of two by four metres that mirror sky, trees and cars.
 SCENES["glass_showroom"] = replace(

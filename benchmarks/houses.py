@@ -172,7 +172,7 @@ def bungalow(wall: str = "cladding") -> list[Part]:
 
 
 def brick_wings(wall: str = "brick") -> list[Part]:
-    """Two gabled wings of brick and a hall between them, around a lawn that is open to the south (28 x 20 x 9 m)."""
+    """Two gabled wings of brick and a hall between them, around a court that is open to the south (28 x 20 x 9 m)."""
     b = Builder()
     eaves, ridge, over = 6.0, 9.2, 0.4
     outline = [(-14, -10), (-6, -10), (-6, 3), (6, 3), (6, -10), (14, -10), (14, 10), (6, 10), (-6, 10), (-14, 10)]
