@@ -65,16 +65,29 @@ class Tetrahedra:
 
     @contextlib.contextmanager
     def walkable(self, from_points: bool = False) -> Iterator[ctypes.c_void_p]:
-        """Give the address of a ``struct Tetrahedra`` (``native/csrc/mesh/tetra_rays.c``), while rays walk through
-        them; rays that begin at points need the tetrahedra around those."""
+        """Give the address of a ``struct Tetrahedra``, while rays walk through them; rays that begin at points need
+        the tetrahedra around those."""
         around, listed = self.around() if from_points else (np.zeros(0, np.int64), np.zeros(0, np.int32))
-        arrays = self.corners, self.neighbours, self.planes(), self.points, around, listed
-        names = ("corner", "neighbour", "plane", "points", "around", "list")
-        kinds = [*((name, ctypes.c_void_p) for name in names), ("count", ctypes.c_int64)]
-        table = type("TetraTable", (ctypes.Structure,), {"_fields_": kinds})(
-            *(a.ctypes.data for a in arrays), len(self.corners)
-        )
-        yield ctypes.c_void_p(ctypes.addressof(table))
+        table = TetraTable(self.corners, self.neighbours, self.planes(), self.points, around, listed)
+        yield _by_reference(table)
+
+
+class TetraTable(ctypes.Structure):
+    """``struct Tetrahedra`` of ``native/csrc/mesh/tetra_rays.c``, which holds addresses only; keeps their arrays."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in ("corner", "neighbour", "plane", "points", "around", "list")),
+        ("count", ctypes.c_int64),
+    ]
+
+    def __init__(self, *arrays: NDArray[np.generic]) -> None:
+        super().__init__(*(a.ctypes.data for a in arrays), len(arrays[0]))
+        self.arrays = arrays
+
+
+def _by_reference(table: TetraTable) -> ctypes.c_void_p:
+    """Return the address of a table, which must live as long as it is used."""
+    return ctypes.c_void_p(ctypes.addressof(table))
 
 
 def orient_positive(points: Array, corners: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -27,7 +27,7 @@ from mgf_engine.mesh import photometric, tsdf
 from mgf_engine.native import build, library
 from mgf_engine.raster import loss
 from mgf_engine.scene import patch_match
-from mgf_engine.start import cut, lines
+from mgf_engine.start import lines, tetrahedra
 
 HOST = Path(__file__).parent / "host.c"
 #: Target -> the program that runs its programs; "" where this machine does.
@@ -104,8 +104,6 @@ def kernels_of(process: subprocess.Popen[bytes]) -> Iterator[Remote]:
         stack.enter_context(patch.object(library, "_to_c", remote.argument))
         for module, name, arrays in _ADDRESSES:
             stack.enter_context(patch.object(module, name, remote.noting(getattr(module, name), arrays)))
-        reference = remote.noting(cut.Tetrahedra.reference.fget, lambda shape: [shape.table, *shape.table.arrays])
-        stack.enter_context(patch.object(cut.Tetrahedra, "reference", property(reference)))
         yield remote
 
 
@@ -115,6 +113,7 @@ _ADDRESSES: list[tuple[Any, str, Callable[..., list[Any]]]] = [
     (loss, "_address", lambda value: [value]),
     (tsdf.TsdfField, "_view_struct", lambda self, m: [m.mask, m.pixels, m.rows]),
     (lines, "_by_reference", lambda segments: [segments.table, *segments.table.arrays]),
+    (tetrahedra, "_by_reference", lambda table: [table, *table.arrays]),
     (photometric, "_struct", lambda surfaces, first: [a for s in surfaces for a in (s.quads, s.depth)]),
     (patch_match, "photo_struct", lambda first, photos: [a for p in photos for a in p[:2] if a is not None]),
 ]
