@@ -69,7 +69,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("ground_plan", "masks", "Ground plan of the building", "masks.geometry.ground_plan:GroundPlanOptions", also=("preview",)),
     Algorithm("superstructures", "masks", "Spires and chimneys that stand on the roof", "masks.geometry.superstructures:SuperstructureOptions", also=("preview",)),
     Algorithm("point_visibility", "masks", "Points that a photo should observe", "masks.geometry.point_visibility:PointVisibilityOptions", also=("preview",)),
-    Algorithm("floating_points", "masks", "Points that float before the sky", "masks.geometry.floating_points:FloatingPointOptions", also=("preview",)),
+    Algorithm("floaters", "masks", "Floaters: points that float before the sky", "masks.geometry.floaters:FloaterOptions", also=("preview",)),
     Algorithm("silhouettes", "masks", "Silhouettes of the other photos as evidence", "masks.geometry.silhouette_consistency:SilhouetteConsistencyOptions", also=("preview",)),
     Algorithm("superpixels", "masks", "Superpixels of each photo", "masks.propagation.superpixels:SuperpixelOptions", also=("preview",)),
     Algorithm("prompt_outliers", "masks", "Cross-validation of clicks", "masks.propagation.prompt_outliers:PromptOutlierOptions"),

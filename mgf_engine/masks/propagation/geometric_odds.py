@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions, ViewRegions
-from mgf_engine.masks.geometry.floating_points import sky_behind
+from mgf_engine.masks.geometry.floaters import sky_behind
 from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
@@ -69,7 +69,7 @@ class GeometricOdds:
         self.visibility = PointVisibility(graph.full, self.full_shape, len(graph.scene.points), self.options.visibility)
         pieces = np.split(graph.sky, graph.start[1:])
         photos = zip(graph.scene.views, graph.regions, pieces, strict=False)  # the last pieces are the points'
-        self._sky_behind = sky_behind(graph.full.points, photos, self.options.floating)
+        self._sky_behind = sky_behind(graph.full.points, photos, self.options.floaters)
 
     def place(
         self, probability: Array, appearance: Array, prompts: Prompts, seed: int, views: Sequence[int]
@@ -98,7 +98,7 @@ class GeometricOdds:
         point_grounded[:] = held > 0.5
         points = np.minimum(points, 1 - held)
         keep, apart = self._building_points(points, prompts)
-        keep &= ~self.floating(prompts)[: graph.point_count]
+        keep &= ~self.floaters(prompts)[: graph.point_count]
         point_odds += own.apart_odds * apart
         if keep.sum() < 10:
             return evidence
@@ -214,17 +214,17 @@ class GeometricOdds:
         """
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
-        keep = keep & ~self.floating(prompts)
+        keep = keep & ~self.floaters(prompts)
         return BuildingExtent(
             self.graph.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options
         )
 
-    def floating(self, prompts: Prompts) -> NDArray[np.bool_]:
+    def floaters(self, prompts: Prompts) -> NDArray[np.bool_]:
         """Return points of the full scene behind which photos show sky that no click calls building, bool."""
         rows, pieces = self._sky_behind.T
         sky = np.unique(self.graph.sky[self.graph.unclicked_sky(prompts)])
         count = np.bincount(rows[np.isin(pieces, sky)], minlength=len(self.graph.full.points))
-        return np.asarray(count >= self.options.floating.photos, bool)
+        return np.asarray(count >= self.options.floaters.photos, bool)
 
     def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return points farther from all kept ones than a wall is from the roof on it, [P]."""

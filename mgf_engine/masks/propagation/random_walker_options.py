@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.floating_points import FloatingPointOptions
+from mgf_engine.masks.geometry.floaters import FloaterOptions
 from mgf_engine.masks.geometry.ground_plane import GroundPlaneOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions
 from mgf_engine.masks.geometry.point_visibility import PointVisibilityOptions
@@ -71,7 +71,7 @@ class RandomWalkerOptions:
         1, "Number of times that the silhouettes of the other photos are asked, after these rounds", high=100
     )
     silhouettes: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions()
-    floating: FloatingPointOptions = FloatingPointOptions()
+    floaters: FloaterOptions = FloaterOptions()
     ground: GroundPlaneOptions = GroundPlaneOptions()
     visibility: PointVisibilityOptions = PointVisibilityOptions()
     superstructures: SuperstructureOptions = SuperstructureOptions()

@@ -102,8 +102,8 @@ def test_points_before_the_sky_are_no_part_of_the_extent(scene: Scene, graph: La
     points[wrong] = points[wall].mean(0) + 0.9 * np.ptp(points[wall] @ graph.shape.up) * graph.shape.up
     moved = replace_scene(graph, replace(scene, points=points))
     prompts = {VIEWS[0]: click(scene, wall)}
-    floating = GeometricOdds(moved).floating(prompts)
-    assert floating[wrong].all() and floating.sum() == len(wrong)
+    floaters = GeometricOdds(moved).floaters(prompts)
+    assert floaters[wrong].all() and floaters.sum() == len(wrong)
     extent = GeometricOdds(moved).extent(wall, None, prompts)
     assert not extent.keep[wrong].any() and extent.keep.any()
 

@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.masks.geometry.floating_points import FloatingPointOptions, sky_behind
+from mgf_engine.masks.geometry.floaters import FloaterOptions, sky_behind
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import View
 from tests.support.small_scene import view
 
-SKY, WALL, OPTIONS = 7, 0, FloatingPointOptions(depth=0.1)
+SKY, WALL, OPTIONS = 7, 0, FloaterOptions(depth=0.1)
 
 
 def regions(scale: float = 1.0) -> Regions:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find points that float in the air: mirror images in panes, and mismatches between things that repeat.
+"""Find floaters, points that float in the air: mirror images in panes, and mismatches between things that repeat.
 
 A photo that shows sky where a point should be looks through its place: nothing can stand there, whatever other photos
 observed. Points on the building's outline lie near the edge of the sky, and count only well within it.
@@ -20,8 +20,8 @@ from mgf_engine.model.scene import View
 
 
 @dataclass(frozen=True)
-class FloatingPointOptions:
-    """Options of points that float in the air."""
+class FloaterOptions:
+    """Options of floaters, points that float in the air."""
 
     depth: float = parameter(
         0.013, "Distance from the edge of the sky from which a point before it floats, share of the longer side", high=1
@@ -32,7 +32,7 @@ class FloatingPointOptions:
 def sky_behind(
     points: NDArray[np.float64],
     photos: Iterable[tuple[View, Regions, NDArray[np.int64]]],
-    options: FloatingPointOptions = FloatingPointOptions(),
+    options: FloaterOptions = FloaterOptions(),
 ) -> NDArray[np.int64]:
     """Return each pair of a point and a piece of sky that a photo shows at its place, [K, 2].
 
