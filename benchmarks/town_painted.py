@@ -143,8 +143,7 @@ def _write_model(
     camera.params = [f.fx, f.fy, f.cx, f.cy]
     model.add_camera_with_trivial_rig(camera)
     for number, (view, buffers) in enumerate(zip(views, rendered, strict=True), start=1):
-        uv, depth = view.project(true)
-        inside = (depth > 0) & (uv > 1).all(1) & (uv < (view.width - 1, view.height - 1)).all(1)
+        uv, depth, inside = view.project_into_frame(true, margin=1)
         index = np.flatnonzero(inside)
         met = buffers.depth[uv[index, 1].astype(int), uv[index, 0].astype(int)]
         index = index[np.abs(met - depth[index]) < 0.02 * depth[index]]

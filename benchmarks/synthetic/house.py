@@ -181,8 +181,7 @@ def write_model(
 
 
 def _observed(view: View, both: Mesh, points: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    uv, depth = view.project(points)
-    inside = (depth > 0) & (uv > 1).all(1) & (uv < (WIDTH - 1, HEIGHT - 1)).all(1)
+    uv, depth, inside = view.project_into_frame(points, margin=1)
     index = np.flatnonzero(inside)
     nearest = render_mesh(both, view).depth[uv[index, 1].astype(int), uv[index, 0].astype(int)]
     index = index[np.abs(nearest - depth[index]) < 0.05]

@@ -41,9 +41,8 @@ class Visibility:
         not clear: within a pixel of the building's outline or of something nearer.
         """
         camera = self._painting.views[view]
-        at, depth = camera.project(points)
         border, hidden = self._painting.visibility.border, self._painting.visibility.hidden
-        inside = (depth > 0) & (at > border).all(1) & (at < (camera.width - border, camera.height - border)).all(1)
+        at, depth, inside = camera.project_into_frame(points, border)
         nearest, farthest, shown = self._looked(view)
         column, row = np.where(inside[:, None], at, 0).astype(np.int64).T
         ray = camera.centre - points

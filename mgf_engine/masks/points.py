@@ -123,12 +123,8 @@ def project_votes(
     """
 
     def cast(index: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        view = scene.views[index]
-        uv, depth = view.project(points)
-        valid = depth > 0  # comparisons with a pixel that is not a number are false
-        for axis, size in enumerate((view.width, view.height)):
-            valid &= (uv[:, axis] >= 0) & (uv[:, axis] < size)
-        rows = np.flatnonzero(valid)
+        uv, _, inside = scene.views[index].project_into_frame(points)
+        rows = np.flatnonzero(inside)
         return _cast(labels[index], uv[rows], rows, dilation)
 
     inside, outside = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)

@@ -105,6 +105,24 @@ class View:
             uv[:, axis] = local[axis] / safe * focal + centre
         return uv, depth
 
+    def project_into_frame(
+        self, points: NDArray[np.float64], margin: float = 0.0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Project points as :meth:`project` does, and tell which lie before the camera and in its frame.
+
+        Args:
+            points: [N, 3], normalised frame; one that is not a number is not in the frame.
+            margin: least distance from the edges of the frame, px.
+
+        Returns:
+            Pixels [N, 2], depth [N], and bool [N].
+        """
+        uv, depth = self.project(points)
+        inside = depth > 0
+        for axis, size in enumerate((self.width, self.height)):
+            inside &= (uv[:, axis] >= margin) & (uv[:, axis] < size - margin)
+        return uv, depth, inside
+
     def unproject(self, uv: NDArray[np.floating], depth: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the points [N, 3] (normalised) that pixels [N, 2] show at a depth [N]: :meth:`project` undone."""
         ray = (uv - np.array([self.cx, self.cy])) / np.array([self.fx, self.fy])

@@ -90,10 +90,9 @@ def _mean_directions(
 def _shows(views: StartViews, depths: Depths, number: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell which points [N, 3] a view's mask holds and its depth map does not hide, bool [N]."""
     view, index = views.views[number], views.indices[number]
-    uv, z = view.project(points)
-    column, row = np.floor(uv).astype(np.int64).T
-    result = (z > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
-    result[result] = building(views.labels[number])[row[result], column[result]]
+    uv, _, result = view.project_into_frame(points)
+    column, row = uv[result].astype(np.int64).T
+    result[result] = building(views.labels[number])[row, column]
     here = np.flatnonzero(result)
     result[here] = ~depths.hides(index, points[here])
     return result

@@ -192,10 +192,9 @@ def _colors(
         away = view.centre - points
         facing = (away * normals).sum(1) / np.maximum(np.linalg.norm(away, axis=1), 1e-12)
         rows = np.flatnonzero(facing > options.least_facing)
-        uv, depth = view.project(points[rows])
-        column, row = np.floor(uv[:, 0]), np.floor(uv[:, 1])
-        framed = (depth > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
-        rows, at, depth = rows[framed], (row[framed].astype(int), column[framed].astype(int)), depth[framed]
+        uv, depth, framed = view.project_into_frame(points[rows])
+        column, row = uv[framed].astype(int).T
+        rows, at, depth = rows[framed], (row, column), depth[framed]
         surface = render_mesh(mesh, view).depth[at]
         shown = (surface > 0) & (np.abs(surface - depth) < options.depth_tolerance * depth)
         if not shown.any():

@@ -228,9 +228,8 @@ def _look(
         seen.shares[index] = float((owner == number).mean())
         if seen.shares[index] == 0:
             continue
-        uv, depth = small.project(places)
+        uv, depth, inside = small.project_into_frame(places)
         u, v = np.clip(uv, 0, (small.width - 1, small.height - 1)).astype(int).T
-        inside = (depth > 0) & (uv >= 0).all(1) & (uv < (small.width, small.height)).all(1)
         met = drawn.depth[index][v, u]
         free = (owner[v, u] == number) | (met == 0) | (depth < met * (1 + options.depth_tolerance))
         ray = view.centre - places

@@ -50,8 +50,7 @@ def sky_behind(
         bordered = cv2.copyMakeBorder((pieces > 0).astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
         depth = cv2.distanceTransform(bordered, cv2.DIST_L2, 3)[1:-1, 1:-1]
         deep = np.where(depth > options.depth * max(pieces.shape), pieces, 0)
-        uv, away = view.project(points)
-        framed = (away > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+        uv, _, framed = view.project_into_frame(points)
         rows, limit = np.flatnonzero(framed), np.array(pieces.shape[::-1]) - 1
         x, y = np.minimum(np.floor(uv[rows] * regions.scale).astype(np.int64), limit).T
         found = deep[y, x] > 0

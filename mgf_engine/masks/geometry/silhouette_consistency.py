@@ -118,8 +118,7 @@ def _cells(
 def _ask(silhouette: Silhouette, cells: NDArray[np.float64]) -> tuple[Array, Array]:
     """Return how far a photo holds each cell [N, 3] and how much that counts, 0 out of the frame; [N] each."""
     view = silhouette.view
-    uv, depth = view.project(cells)
-    framed = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+    uv, _, framed = view.project_into_frame(cells)
     said, weight = np.zeros(len(cells), np.float32), np.zeros(len(cells), np.float32)
     region = silhouette.regions.at(uv[framed])
     said[framed], weight[framed] = silhouette.inside[region], silhouette.weight[region]

@@ -128,8 +128,7 @@ def hull_agreement(
     except BadInput:
         return None
     view = scene.views[index]
-    uv, depth = view.project(cells)
-    framed = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+    uv, depth, framed = view.project_into_frame(cells)
     if not framed.any():
         return None
     cover = np.zeros((view.height, view.width), np.uint8)
@@ -188,10 +187,9 @@ def _on_building(
     inside, outside = np.zeros(len(cells), np.int32), np.zeros(len(cells), np.int32)
     for i in views:
         view, labels = scene.views[i], masks.labels[i]
-        uv, depth = view.project(cells)
-        column, row = np.floor(uv[:, 0]), np.floor(uv[:, 1])
-        framed = (depth > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
-        at = row[framed].astype(int), column[framed].astype(int)
+        uv, depth, framed = view.project_into_frame(cells)
+        column, row = uv[framed].astype(int).T
+        at = row, column
         reach = 0.5 * size * view.fx / np.maximum(depth[framed], 1e-9)
         beside = cv2.distanceTransform((labels == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 3)[at]
         inside[framed] += building(labels)[at] | ((beside > 0) & (beside <= reach))
@@ -210,12 +208,9 @@ def _surface(cells: NDArray[np.float64], size: float) -> NDArray[np.bool_]:
 
 def _inside(cells: NDArray[np.float64], scene: Scene, masks: MaskSet, index: int) -> NDArray[np.bool_]:
     """Tell which cells [N, 3] a photo shows inside its mask and on the near side of the building, bool [N]."""
-    view = scene.views[index]
-    uv, depth = view.project(cells)
-    column, row = np.floor(uv[:, 0]).astype(int), np.floor(uv[:, 1]).astype(int)
-    framed = (depth > 0) & (column >= 0) & (row >= 0) & (column < view.width) & (row < view.height)
-    result = np.zeros(len(cells), bool)
-    result[framed] = building(masks.labels[index])[row[framed], column[framed]]
+    uv, depth, result = scene.views[index].project_into_frame(cells)
+    column, row = uv[result].astype(int).T
+    result[result] = building(masks.labels[index])[row, column]
     near = np.zeros(len(cells), bool)
     near[np.argsort(depth)[: max(8, len(cells) // 2)]] = True  # the far half is hidden by the near one
     return result & near

@@ -131,9 +131,7 @@ class MirrorTest:
     def _sees(self, index: int, other: int, places: Array) -> NDArray[np.bool_]:
         """Tell whether another photo shows places [N, 3] beside the building or from its other side, bool [N]."""
         o, view = self.options, self.scene.views[other]
-        uv, depth = view.project(places)
-        margin = 3 * o.radius
-        framed = (depth > 0) & (uv > margin).all(1) & (uv < np.array([view.width, view.height]) - margin).all(1)
+        uv, _, framed = view.project_into_frame(places, margin=3 * o.radius)
         own, theirs = self.scene.views[index].centre - places, view.centre - places
         scale = np.linalg.norm(theirs, axis=1) / np.linalg.norm(own, axis=1)
         framed &= (scale > o.scales[0]) & (scale < o.scales[1])

@@ -102,9 +102,7 @@ def _held_share(
     held, shown = np.zeros((2, len(places)))
     for other in views:
         view = scene.views[other]
-        uv, depth = view.project(places)
-        with np.errstate(invalid="ignore"):
-            framed = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < view.width) & (uv[:, 1] < view.height)
+        uv, _, framed = view.project_into_frame(places)
         x, y = uv[framed].astype(np.int64).T
         label = labels[other][y, x]
         held[framed] += building(label)
