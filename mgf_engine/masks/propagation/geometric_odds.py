@@ -98,7 +98,8 @@ class GeometricOdds:
         point_grounded[:] = held > 0.5
         points = np.minimum(points, 1 - held)
         keep, apart = self._building_points(points, prompts)
-        keep &= ~self.floaters(prompts)[: graph.point_count]
+        floaters = self.floaters(prompts)
+        keep &= ~floaters[: graph.point_count]
         point_odds += own.apart_odds * apart
         if keep.sum() < 10:
             return evidence
@@ -107,7 +108,7 @@ class GeometricOdds:
         keep |= over & (points > own.other_below)
         others = apart | ((points < own.other_below) & ~point_grounded & ~over & self._far_from(keep))
         added = graph.added_on_building(probability) & (added_ground < 0.5)
-        extent = self.extent(np.concatenate([keep, added]), ground, prompts, others)
+        extent = self._extent(np.concatenate([keep, added]) & ~floaters, ground, others)
         tied = self._tied_to_building(keep, points, appearance)
         within = np.zeros(graph.point_count)
         geometry = parallel_map(lambda i: self._geometry(extent, i, tied), views, graph.threads)
@@ -201,20 +202,22 @@ class GeometricOdds:
         seen = self.visibility.owner[self.graph.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
 
-    def extent(
-        self, keep: NDArray[np.bool_], ground: Ground | None, prompts: Prompts, others: NDArray[np.bool_] | None = None
-    ) -> BuildingExtent:
+    def extent(self, keep: NDArray[np.bool_], ground: Ground | None, prompts: Prompts) -> BuildingExtent:
         """Return the extent of the building.
 
         Args:
-            keep: of the full scene's points, those of the building; what floats in the air is left out.
+            keep: of the full scene's points, those of the building; floaters among them are left out.
             ground: the plane under it, None without.
             prompts: clicks by view index.
-            others: [P], points of other things that stand on the ground.
         """
+        return self._extent(keep & ~self.floaters(prompts), ground)
+
+    def _extent(
+        self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None
+    ) -> BuildingExtent:
+        """Return the extent of the building by its points, with ``others`` [P] of things beside it on the ground."""
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
-        keep = keep & ~self.floaters(prompts)
         return BuildingExtent(
             self.graph.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options
         )

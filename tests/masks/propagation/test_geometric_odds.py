@@ -49,13 +49,13 @@ def place(
     count = geometry.graph.region_count
     probability = np.concatenate([np.full(count, 0.5), points])
     used = []
-    found = geometry.extent
+    found = geometry._extent
 
     def extent(keep, *rest):
         used.append(keep)
         return found(keep, *rest)
 
-    geometry.extent = extent  # type: ignore[method-assign]
+    geometry._extent = extent  # type: ignore[method-assign]
     evidence = geometry.place(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
     return evidence, used[0] if used else np.zeros(len(points), bool)
 
@@ -113,8 +113,8 @@ def test_improbable_points_away_from_the_building_are_of_other_things(scene: Sce
     far = scene.points[:, 0] > np.median(scene.points[:, 0])
     moved = replace(scene, points=scene.points + 40.0 * far[:, None] * np.array([1.0, 0, 0]))
     geometry = GeometricOdds(replace_scene(graph, moved))
-    found, others = geometry.extent, []
-    geometry.extent = lambda *given: others.append(given[-1]) or found(*given)  # type: ignore[method-assign]
+    found, others = geometry._extent, []
+    geometry._extent = lambda *given: others.append(given[-1]) or found(*given)  # type: ignore[method-assign]
     probability = np.concatenate([np.full(graph.region_count, 0.5), np.where(far, 0.05, 0.95)])
     prompts = {VIEWS[0]: click(scene, ~far & (heights(scene) > 1.0))}
     evidence = geometry.place(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
