@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.boxes import pad_box, percentile_box
 from mgf_engine.geometry.rasterize import scaled_view
 from mgf_engine.masks.geometry.visual_hull import hull_cells
 from mgf_engine.model.masks import BACKGROUND, MaskSet, building
@@ -155,16 +156,14 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOpt
         labels.append(np.asarray(cv2.resize(masks.labels[i], size, interpolation=cv2.INTER_NEAREST), np.uint8))
     points, seen = _points_of(scene, masks, indices, o)
     low, high, cells = _box(scene, masks, indices, points, o)
-    pad = o.padding * float((high - low).max())
     middle = (low + high) / 2
     pixel = float(np.median([np.linalg.norm(view.centre - middle) / view.fx for view in views]))
     if len(points) >= o.hull.least_points:
         pixel = _pixel(points, seen, views)
     silhouettes = Silhouettes.of(views, labels)
-    silhouettes = silhouettes.without(_distrusted(silhouettes, low - pad, high + pad, o))
-    return StartViews(
-        scene, list(indices), views, labels, silhouettes, points, seen, pixel, low - pad, high + pad, cells
-    )
+    low, high = pad_box(low, high, o.padding)
+    silhouettes = silhouettes.without(_distrusted(silhouettes, low, high, o))
+    return StartViews(scene, list(indices), views, labels, silhouettes, points, seen, pixel, low, high, cells)
 
 
 def _box(
@@ -188,7 +187,7 @@ def _box(
     if len(points) < o.hull.least_points:
         cells, _ = hull_cells(scene, masks, indices, o.hull)
         return cells.min(0), cells.max(0), cells
-    low, high = np.percentile(points, o.percentiles, axis=0)
+    low, high = percentile_box(points, o.percentiles)
     try:
         cells, _ = hull_cells(scene, masks, indices, o.hull)
     except BadInput:

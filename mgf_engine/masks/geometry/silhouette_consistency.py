@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.boxes import percentile_box
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import View
@@ -106,9 +107,7 @@ def _cells(
     points: NDArray[np.float64], ground: Ground | None, o: SilhouetteConsistencyOptions
 ) -> tuple[NDArray[np.float64], float]:
     """Return the centres [N, 3] of the box's cells above the ground, and their size."""
-    low, high = np.percentile(points, o.percentiles, axis=0)
-    padding = o.padding * float((high - low).max())
-    low, high = low - padding, high + padding
+    low, high = percentile_box(points, o.percentiles, o.padding)
     size = max(float((high - low).max()) / o.cells, 1e-9)
     axes = [np.arange(a + size / 2, b, size) for a, b in zip(low, high, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.boxes import pad_box, percentile_box
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 
@@ -170,9 +171,8 @@ def _seen_box(
     middle = np.linalg.lstsq(across.sum(0), np.einsum("vij,vj->i", across, centres), rcond=1e-6)[0]
     low, high = middle - 1, middle + 1
     if len(scene.points) >= _FEWEST:
-        low, high = np.percentile(scene.points, options.percentiles, axis=0)
-    pad = options.padding * float((high - low).max())
-    return low - pad, high + pad
+        low, high = percentile_box(scene.points, options.percentiles)
+    return pad_box(low, high, options.padding)
 
 
 def _on_building(

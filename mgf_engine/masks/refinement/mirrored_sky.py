@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.boxes import percentile_box
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene, View
 
@@ -67,7 +68,8 @@ def find_mirrored_sky(
     count, pieces = cv2.connectedComponents(holes.astype(np.uint8), connectivity=4)
     grid = (np.arange(height)[:, None] + np.arange(width)) % o.step == 0  # every row and column has rays
     y, x = np.nonzero(holes & grid)
-    places = _along_rays(scene.views[index], np.stack([x, y], 1).astype(np.float64) + 0.5, _box(points, o), o.samples)
+    box = percentile_box(points, o.percentiles, o.padding)
+    places = _along_rays(scene.views[index], np.stack([x, y], 1).astype(np.float64) + 0.5, box, o.samples)
     share = _held_share(scene, labels, [i for i in views if i != index], places.reshape(-1, 3), o)
     best = share.reshape(places.shape[:2]).max(1)
     rays = np.bincount(pieces[y, x], minlength=count)
@@ -75,13 +77,6 @@ def find_mirrored_sky(
     closed = (rays > 0) & (2 * held >= rays)
     mirrored[:] = holes & closed[pieces]
     return mirrored
-
-
-def _box(points: Array, o: MirroredSkyOptions) -> tuple[Array, Array]:
-    """Return two corners of the box around the building."""
-    low, high = np.percentile(points, o.percentiles, axis=0)
-    padding = o.padding * float((high - low).max())
-    return low - padding, high + padding
 
 
 def _along_rays(view: View, uv: Array, box: tuple[Array, Array], samples: int) -> Array:
