@@ -15,6 +15,7 @@ and ``cuda-source-on-cpu`` (the CUDA kernels built for the CPU, slow, for tests)
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Protocol, cast
 
 import torch
@@ -64,9 +65,13 @@ def render(
         ValueError: an argument of the wrong shape or an unknown name.
     """
     backend = backend_for(gaussians.positions, backend)
-    _check(gaussians, camera, sh_degree, tile_mask, backend, stats, error_map, outputs)
+    if backend not in BACKENDS or outputs not in OUTPUTS:
+        raise ValueError(f"backend is one of {BACKENDS} and outputs one of {OUTPUTS}, not '{backend}' and '{outputs}'")
+    wanted = _Request(camera, sh_degree, tile_mask, stats, error_map, outputs == "all", wait)
+    _check_shapes(gaussians)
+    wanted.check(len(gaussians))
     if backend == "reference":
-        return reference.render(gaussians, camera, sh_degree, tile_mask, stats, error_map, outputs == "all")
+        return reference.render(gaussians, camera, sh_degree, tile_mask, stats, error_map, wanted.geometry)
     rendered = _Render.apply(
         gaussians.positions,
         gaussians.log_scales,
@@ -74,9 +79,47 @@ def render(
         gaussians.opacity_logits,
         gaussians.sh,
         gaussians.filter_3d,
-        (_engine(backend), camera, sh_degree, tile_mask, outputs == "all", wait, stats, error_map),
+        _engine(backend),
+        wanted,
     )
     return Rendering(*rendered)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What :func:`render` is asked for; ``geometry``: outputs beyond colour, alpha and depth too."""
+
+    camera: Camera
+    sh_degree: int
+    tile_mask: Tensor | None
+    stats: RenderStats | None
+    error_map: Tensor | None
+    geometry: bool
+    wait: bool
+
+    def check(self, n: int) -> None:
+        """Check that the arguments fit the camera and N Gaussians.
+
+        Raises:
+            ValueError: one does not.
+        """
+        size = self.camera.height, self.camera.width
+        if self.tile_mask is not None and tuple(self.tile_mask.shape) != self.camera.tiles:
+            raise ValueError(f"tile_mask must be {self.camera.tiles}, not {tuple(self.tile_mask.shape)}")
+        if self.error_map is not None and tuple(self.error_map.shape) != size:
+            raise ValueError(f"error_map must be {size}, not {tuple(self.error_map.shape)}")
+        if self.stats is not None and len(self.stats.weight) != n:
+            raise ValueError(f"stats are for {len(self.stats.weight)} Gaussians, not {n}")
+        if self.sh_degree not in (0, 1, 2, 3):
+            raise ValueError(f"sh_degree must be 0, 1, 2 or 3, not {self.sh_degree}")
+
+
+def _check_shapes(gaussians: Gaussians) -> None:
+    n = len(gaussians)
+    shapes = {"log_scales": (n, 3), "rotations": (n, 4), "opacity_logits": (n,), "sh": (n, 16, 3), "filter_3d": (n,)}
+    for name, shape in shapes.items():
+        if tuple(getattr(gaussians, name).shape) != shape:
+            raise ValueError(f"{name} must be {shape}, not {tuple(getattr(gaussians, name).shape)}")
 
 
 class _Engine(Protocol):
@@ -112,55 +155,26 @@ def _engine(backend: str) -> _Engine:
 class _Render(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[Tensor | None, ...]:
-        *tensors, options = arguments
-        engine, camera, sh_degree, tile_mask, geometry, wait, stats, error_map = options
+        *tensors, engine, wanted = arguments
         raw = cpu.Parameters.of(*tensors)
-        lists = engine.list_tiles(raw, camera, sh_degree, tile_mask, wait)
-        image, hits = engine.blend(lists, geometry)
+        lists = engine.list_tiles(raw, wanted.camera, wanted.sh_degree, wanted.tile_mask, wanted.wait)
+        image, hits = engine.blend(lists, wanted.geometry)
         ctx.save_for_backward(image)  # so that a change in place of an output is noticed
-        ctx.kept = (engine, raw, sh_degree, lists, hits, stats, error_map)
+        ctx.kept = (engine, raw, wanted, lists, hits)
         ctx.set_materialize_grads(False)
         visible = lists.tile_counts > 0
         ctx.mark_non_differentiable(visible)
-        seen = image[:, : camera.height, : camera.width]
-        if geometry:
+        seen = image[:, : wanted.camera.height, : wanted.camera.width]
+        if wanted.geometry:
             return seen[0:3], seen[3], seen[4], seen[5], seen[6:9], seen[9], visible
         return seen[0:3], seen[3], seen[4], None, None, None, visible
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         (image,) = ctx.saved_tensors
-        engine, raw, sh_degree, lists, hits, stats, error_map = ctx.kept
+        engine, raw, wanted, lists, hits = ctx.kept
         given = cpu.OutputGradients(*(None if g is None else g.to(torch.float32).contiguous() for g in gradients[:6]))
-        if error_map is not None:
-            error_map = error_map.detach().to(torch.float32).contiguous()
-        statistics = None if stats is None else stats.all
-        found = engine.backward(raw, sh_degree, lists, image, hits, given, error_map, statistics)
-        return (*found, None, None)
-
-
-def _check(
-    gaussians: Gaussians,
-    camera: Camera,
-    sh_degree: int,
-    tile_mask: Tensor | None,
-    backend: str,
-    stats: RenderStats | None,
-    error_map: Tensor | None,
-    outputs: str,
-) -> None:
-    n = len(gaussians)
-    shapes = {"log_scales": (n, 3), "rotations": (n, 4), "opacity_logits": (n,), "sh": (n, 16, 3), "filter_3d": (n,)}
-    for name, shape in shapes.items():
-        if tuple(getattr(gaussians, name).shape) != shape:
-            raise ValueError(f"{name} must be {shape}, not {tuple(getattr(gaussians, name).shape)}")
-    if tile_mask is not None and tuple(tile_mask.shape) != camera.tiles:
-        raise ValueError(f"tile_mask must be {camera.tiles}, not {tuple(tile_mask.shape)}")
-    if error_map is not None and tuple(error_map.shape) != (camera.height, camera.width):
-        raise ValueError(f"error_map must be {(camera.height, camera.width)}, not {tuple(error_map.shape)}")
-    if stats is not None and len(stats.weight) != n:
-        raise ValueError(f"stats are for {len(stats.weight)} Gaussians, not {n}")
-    if sh_degree not in (0, 1, 2, 3):
-        raise ValueError(f"sh_degree must be 0, 1, 2 or 3, not {sh_degree}")
-    if backend not in BACKENDS or outputs not in OUTPUTS:
-        raise ValueError(f"backend is one of {BACKENDS} and outputs one of {OUTPUTS}, not '{backend}' and '{outputs}'")
+        error = None if wanted.error_map is None else wanted.error_map.detach().to(torch.float32).contiguous()
+        statistics = None if wanted.stats is None else wanted.stats.all
+        found = engine.backward(raw, wanted.sh_degree, lists, image, hits, given, error, statistics)
+        return (*found, None, None, None)
