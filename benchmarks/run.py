@@ -19,7 +19,7 @@ from typing import Any
 from benchmarks.arguments import count, engine_options, results_folder
 from benchmarks.catalogue import SCENES, scene_spec, with_present_names
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
-from benchmarks.suites import PRINTED, SUITES, half_of, suite_runs
+from benchmarks.suites import PRINTED, SUITES, SuiteSettings, half_of, suite_runs
 from mgf_engine import __version__
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.option_input import named_values
@@ -97,9 +97,10 @@ def _run_suite(args: argparse.Namespace) -> int:
     from benchmarks.tables import write_table
 
     options, tools = engine_options(args.set), named_values("--external", args.external)
-    runs = suite_runs(
-        args.suite, args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only, args.paper_iterations
+    settings = SuiteSettings(
+        args.scenes, args.seeds, options, args.masks, args.poses, tools, args.only, args.paper_iterations
     )
+    runs = suite_runs(args.suite, settings)
     if args.half:
         runs = half_of(runs, args.half == "held-out")
     before = None if args.before is None else _read_table(args.before)

@@ -137,46 +137,62 @@ SUITES: dict[str, str] = {
 }
 
 
-def suite_runs(
-    suite: str, scenes: Sequence[str] = (), seeds: int = 1, base: Options | None = None, masks: str = "prompts",
-    poses: str = "sfm", commands: dict[str, str] | None = None, only: Sequence[str] = (),
-    paper_iterations: int = PRINTED,
-) -> list[Run]:  # fmt: skip
-    """Return the runs of a suite.
+@dataclass(frozen=True)
+class SuiteSettings:
+    """What a suite is measured on and with.
 
-    Args:
+    Attributes:
         scenes: instead of the suite's own.
         seeds: runs per variant.
         base: options given to every run of the engine; a variant's own win.
-        commands: external tools, name -> command (suites ``peers`` and ``surfaces``).
+        masks, poses: of every run, see :class:`Run`; a variant's own masks win.
+        commands: external tools, name -> command (suites ``peers``, ``surfaces`` and ``pareto``).
         only: keep the variants whose name contains one of these.
         paper_iterations: of the paper's setting and of what is set up like its peers; their longer runs keep the ratio.
+    """
+
+    scenes: Sequence[str] = ()
+    seeds: int = 1
+    base: Options = field(default_factory=dict)
+    masks: str = "prompts"
+    poses: str = "sfm"
+    commands: dict[str, str] = field(default_factory=dict)
+    only: Sequence[str] = ()
+    paper_iterations: int = PRINTED
+
+
+def suite_runs(suite: str, settings: SuiteSettings = SuiteSettings()) -> list[Run]:
+    """Return the runs of a suite: each scene with each variant and seed.
 
     Raises:
         BadInput: the suite does not exist, or nothing is left of it.
     """
     if suite not in SUITES:
         raise BadInput(f"There is no suite '{suite}'; take one of {', '.join(SUITES)}.")
-    base = dict(base or {})
+    only, masks = settings.only, settings.masks
+    chosen = [run for run in _variants(suite, settings) if not only or any(word in run.variant for word in only)]
+    if not chosen:
+        raise BadInput(f"No variant of suite '{suite}' has one of these names: {', '.join(only)}.")
+    names = settings.scenes or {"smoke": ("smoke",), "surfaces": tuple(SURFACES)}.get(suite, NAMED)
+    return [
+        replace(run, scene=scene, seed=seed, masks=masks if run.masks == "prompts" else run.masks, poses=settings.poses)
+        for scene in names
+        for run in chosen
+        for seed in range(settings.seeds)
+    ]
+
+
+def _variants(suite: str, settings: SuiteSettings) -> list[Run]:
+    """Return the variants of a suite, without a scene, with the options that all runs are given."""
+    base = dict(settings.base)
     if suite == "resolution":
         base.pop("resolution", None)  # which the suite changes
     if suite == "smoke":
         small = {"preset": "draft", "iterations": 200, "max_gaussians": 8000}
-        variants = [Run("smoke", "", {**small, **base})]
-    else:
-        variants = [
-            run if run.command else replace(run, options={**base, **run.options})
-            for run in _variants(suite, base, commands or {}, paper_iterations)
-        ]
-    chosen = [run for run in variants if not only or any(word in run.variant for word in only)]
-    if not chosen:
-        raise BadInput(f"No variant of suite '{suite}' has one of these names: {', '.join(only)}.")
-    names = scenes or {"smoke": ("smoke",), "surfaces": tuple(SURFACES)}.get(suite, NAMED)
+        return [Run("smoke", "", {**small, **base})]
     return [
-        replace(run, scene=scene, seed=seed, masks=masks if run.masks == "prompts" else run.masks, poses=poses)
-        for scene in names
-        for run in chosen
-        for seed in range(seeds)
+        run if run.command else replace(run, options={**base, **run.options})
+        for run in _own_variants(suite, base, settings.commands, settings.paper_iterations)
     ]
 
 
@@ -213,7 +229,7 @@ def half_of(runs: list[Run], held_out: bool) -> list[Run]:
     return mine
 
 
-def _variants(suite: str, base: Options, commands: dict[str, str], count: int) -> list[Run]:
+def _own_variants(suite: str, base: Options, commands: dict[str, str], count: int) -> list[Run]:
     paper = paper_setting(count)
     tools = [Run(name, "", command=command, group=name) for name, command in commands.items()]
     if suite in ABLATED:

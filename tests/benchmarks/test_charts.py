@@ -11,13 +11,15 @@ import pytest
 
 from benchmarks.charts import _curves, write_chart
 from benchmarks.speed_charts import speed_figure
-from benchmarks.suites import suite_runs
+from benchmarks.suites import SuiteSettings, suite_runs
 from mgf_engine.errors import BadInput
 
 
 def rows() -> list[dict]:
     """A row for each variant of the chart; all nearly at one place."""
-    runs = suite_runs("pareto", ["house"], commands={"OpenMVS": "x {mesh}"}, only=["preset", "(", "OpenMVS"])
+    runs = suite_runs(
+        "pareto", SuiteSettings(["house"], commands={"OpenMVS": "x {mesh}"}, only=["preset", "(", "OpenMVS"])
+    )
     return [
         {"variant": run.variant, "group": run.group, "cpu_seconds": 50 + number / 4, "psnr": None,
          "geometry": {"thresholds": [0.05], "f1": [20.0 + 0.1 * number]}}

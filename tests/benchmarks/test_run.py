@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -20,7 +21,17 @@ from benchmarks.job_scores import held_out_scores, mean_mask_iou
 from benchmarks.measure import _source, prepare_scene
 from benchmarks.run import bench_main
 from benchmarks.shapes import true_mesh
-from benchmarks.suites import ABLATION, OURS, PARTS_OF_OURS, SUITES, SWITCHES, paper_setting, peers, suite_runs
+from benchmarks.suites import (
+    ABLATION,
+    OURS,
+    PARTS_OF_OURS,
+    SUITES,
+    SWITCHES,
+    SuiteSettings,
+    paper_setting,
+    peers,
+    suite_runs,
+)
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.scene.colmap import find_model
@@ -72,33 +83,34 @@ def test_every_option_of_every_suite_exists() -> None:
 
 
 def test_shorter_runs_of_the_paper_keep_its_ratio_and_leave_ours_alone() -> None:
-    runs = [run for suite in ("ablation", "ablation-ours") for run in suite_runs(suite, ["a"], paper_iterations=1400)]
+    short = SuiteSettings(["a"], paper_iterations=1400)
+    runs = [run for suite in ("ablation", "ablation-ours") for run in suite_runs(suite, short)]
     by_name = {run.variant: run.options for run in runs}
     lengths = {name: make_config(options).iterations for name, options in by_name.items()}
     assert lengths["paper: (e) full"] == 1400 and lengths["paper: (f) 30/7 of the iterations"] == 6000
     assert lengths["ours: (e) full"] == make_config().iterations
-    names = {run.variant for run in suite_runs("peers", ["a"], paper_iterations=1400)}
+    names = {run.variant for run in suite_runs("peers", short)}
     assert {f"GOF-like, {n} iterations, sparse start" for n in (1400, 6000)} | {"ours, paper"} <= names
-    same = [suite_runs("ablation", ["a"], paper_iterations=n)[0].key() for n in (7000, 1400)]
-    assert same[0] == suite_runs("ablation", ["a"])[0].key() != same[1]
-    shared = [run.key() for run in suite_runs("pareto", ["a"], paper_iterations=1400) if "(a)" in run.variant]
-    assert shared == [run.key() for run in suite_runs("ablation", ["a"], paper_iterations=1400, only=["paper: (a)"])]
+    same = [suite_runs("ablation", SuiteSettings(["a"], paper_iterations=n))[0].key() for n in (7000, 1400)]
+    assert same[0] == suite_runs("ablation", SuiteSettings(["a"]))[0].key() != same[1]
+    shared = [run.key() for run in suite_runs("pareto", short) if "(a)" in run.variant]
+    assert shared == [run.key() for run in suite_runs("ablation", replace(short, only=["paper: (a)"]))]
 
 
 def test_runs_are_scenes_times_variants_times_seeds_with_distinct_keys() -> None:
-    runs = suite_runs("resolution", ["a", "b"], seeds=3, base={"iterations": 10})
+    runs = suite_runs("resolution", SuiteSettings(["a", "b"], seeds=3, base={"iterations": 10}))
     assert len(runs) == 2 * 6 * 3
     assert len({run.key() for run in runs}) == len(runs)
     assert all(run.options["iterations"] == 10 for run in runs)
-    assert runs[0].key() == suite_runs("resolution", ["a"], base={"iterations": 10})[0].key()
+    assert runs[0].key() == suite_runs("resolution", SuiteSettings(["a"], base={"iterations": 10}))[0].key()
     assert runs[0].key() != runs[0].key("again")
     with pytest.raises(BadInput, match="No variant"):
-        suite_runs("resolution", only=["9000"])
+        suite_runs("resolution", SuiteSettings(only=["9000"]))
 
 
 def test_a_setting_at_its_own_resolution_is_the_run_of_the_other_suites() -> None:
-    known = {run.variant: run.key() for run in suite_runs("pareto", ["a"])}
-    found = {run.variant: run for run in suite_runs("resolution", ["a"], base={"resolution": 100})}
+    known = {run.variant: run.key() for run in suite_runs("pareto", SuiteSettings(["a"]))}
+    found = {run.variant: run for run in suite_runs("resolution", SuiteSettings(["a"], base={"resolution": 100}))}
     assert found["paper's setting, 750 px"].key() == known["preset paper"]
     assert found["standard, 750 px"].key() == known["preset standard"]
     assert found["standard, 375 px"].options["resolution"] == 375

@@ -12,7 +12,7 @@ from benchmarks.catalogue import SURFACES
 from benchmarks.charts import write_page
 from benchmarks.measure import THRESHOLDS
 from benchmarks.scenes import building_parts
-from benchmarks.suites import half_of, suite_runs
+from benchmarks.suites import SuiteSettings, half_of, suite_runs
 from benchmarks.surface_charts import (
     CLASSES,
     class_scores,
@@ -53,7 +53,7 @@ ROWS = [
 
 
 def test_each_preset_and_each_tool_runs_on_each_scene() -> None:
-    runs = suite_runs("surfaces", commands={"theirs": "tool {mesh}"})
+    runs = suite_runs("surfaces", SuiteSettings(commands={"theirs": "tool {mesh}"}))
     assert {run.scene for run in runs} == set(SURFACES)
     assert {run.variant for run in runs} == {*(f"preset {name}" for name in PRESETS), "theirs"}
     halves = [{run.scene for run in half_of(runs, held_out)} for held_out in (False, True)]
