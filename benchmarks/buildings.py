@@ -20,7 +20,7 @@ from benchmarks.landmarks import (
     warehouse,
 )
 from benchmarks.roofs import band, gable_roof
-from benchmarks.shapes import Builder, Opening, Part, wall_row
+from benchmarks.shapes import Builder, Casing, Opening, Part, wall_row
 
 
 def town_hall(wall: str = "brick") -> list[Part]:
@@ -38,7 +38,7 @@ def town_hall(wall: str = "brick") -> list[Part]:
         ("north", (x, y), (-x, y), long_holes, 0.0),
         ("west", (-x, y), (-x, -y), gable_holes, ridge - eaves),
     ):
-        b.wall(a, c, 0, eaves, wall, holes, name, gable=gable)
+        b.wall(a, c, (0, eaves), wall, holes, name, gable=gable)
     gable_roof(b, x, y, eaves, ridge, 0.45)
     _bay(b, wall, y)
     for px in (-7.0, 5.5):
@@ -64,9 +64,9 @@ def _bay(b: Builder, wall: str, y: float) -> None:
         Opening(2 * half - 1.6, 1.1, 2 * half - 0.5, 3.0),
     ]
     f = -y - out
-    b.wall((-half, f), (half, f), 0, eaves, wall, front, "bay", gable=ridge - eaves)
-    b.wall((half, f), (half, -y), 0, eaves, wall, (), "bay.east")
-    b.wall((-half, -y), (-half, f), 0, eaves, wall, (), "bay.west")
+    b.wall((-half, f), (half, f), (0, eaves), wall, front, "bay", gable=ridge - eaves)
+    b.wall((half, f), (half, -y), (0, eaves), wall, (), "bay.east")
+    b.wall((-half, -y), (-half, f), (0, eaves), wall, (), "bay.west")
     over, back = 0.35, -1.2
     slope = (ridge - eaves) / half
     low = eaves - slope * over + 0.2
@@ -86,20 +86,11 @@ def _bay(b: Builder, wall: str, y: float) -> None:
 def _dormer(b: Builder, centre: float, y: float, number: int) -> None:
     half, foot, top, front = 1.0, 9.6, 11.1, -y + 1.0
     hole = [Opening(0.35, 0.35, 1.65, 1.4)]
-    b.wall(
-        (centre - half, front),
-        (centre + half, front),
-        foot,
-        top,
-        "plaster",
-        hole,
-        f"dormer{number}",
-        gable=0.9,
-        trim="wood_trim",
-    )
+    ends = (centre - half, front), (centre + half, front)
+    b.wall(*ends, (foot, top), "plaster", hole, f"dormer{number}", gable=0.9, casing=Casing(trim="wood_trim"))
     back = -2.4
-    b.wall((centre + half, front), (centre + half, back), foot, top, "slate", (), f"dormer{number}")
-    b.wall((centre - half, back), (centre - half, front), foot, top, "slate", (), f"dormer{number}")
+    b.wall((centre + half, front), (centre + half, back), (foot, top), "slate", (), f"dormer{number}")
+    b.wall((centre - half, back), (centre - half, front), (foot, top), "slate", (), f"dormer{number}")
     o = 0.2
     for s in (1, -1):
         quad = [(centre + s * (half + o), front - o, top - 0.1), (centre + s * (half + o), back, top - 0.1),
@@ -110,17 +101,9 @@ def _dormer(b: Builder, centre: float, y: float, number: int) -> None:
 def _turret(b: Builder, ridge: float) -> None:
     half, foot, top = 1.1, ridge - 1.2, ridge + 2.2
     corners = [(-half, -half), (half, -half), (half, half), (-half, half)]
+    hole, casing = [Opening(0.6, 1.7, 1.6, 3.0)], Casing(trim="wood_trim")
     for i in range(4):
-        b.wall(
-            corners[i],
-            corners[(i + 1) % 4],
-            foot,
-            top,
-            "plaster",
-            [Opening(0.6, 1.7, 1.6, 3.0)],
-            "turret",
-            trim="wood_trim",
-        )
+        b.wall(corners[i], corners[(i + 1) % 4], (foot, top), "plaster", hole, "turret", casing=casing)
     edge, apex = half + 0.3, (0.0, 0.0, top + 2.6)
     eave = [(-edge, -edge, top), (edge, -edge, top), (edge, edge, top), (-edge, edge, top)]
     for i in range(4):
@@ -138,7 +121,7 @@ def flat_block(wall: str = "plaster") -> list[Part]:
     front.append(Opening(16.9, 0.0, 19.1, 2.6, "door"))
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
     for i, (name, holes) in enumerate((("south", front), ("east", short), ("north", long_holes), ("west", short))):
-        b.wall(corners[i], corners[(i + 1) % 4], 0, height, wall, holes, name)
+        b.wall(corners[i], corners[(i + 1) % 4], (0, height), wall, holes, name)
     b.polygon(
         [(-x, -y, height - 0.6), (x, -y, height - 0.6), (x, y, height - 0.6), (-x, y, height - 0.6)], "gravel", "roof"
     )
@@ -161,7 +144,7 @@ def tower(wall: str = "brick") -> list[Part]:
         holes += [Opening(1.2, 18.4, 2.8, 22.2), Opening(4.2, 18.4, 5.8, 22.2)]
         if i == 0:
             holes.append(Opening(2.5, 0.2, 4.5, 3.0, "door"))
-        b.wall(corners[i], corners[(i + 1) % 4], 0, height, wall, holes, name)
+        b.wall(corners[i], corners[(i + 1) % 4], (0, height), wall, holes, name)
     for level, out, thick in ((8.2, 0.12, 0.3), (17.4, 0.16, 0.35), (24.0, 0.45, 0.4)):
         b.box((-half - out, -half - out, level), (half + out, half + out, level + thick), "stone", "courses")
     e, apex = half + 0.2, (0.0, 0.0, 34.0)
@@ -181,7 +164,7 @@ def steel_frame(wall: str = "brick") -> list[Part]:
     for i, (name, h) in enumerate(
         (("south", holes), ("east", []), ("north", holes), ("west", wall_row(2 * y, 3, 1.4, 1.2, 3.4)))
     ):
-        b.wall(corners[i], corners[(i + 1) % 4], 0, eaves, wall, h, name, gable=(ridge - eaves) if i % 2 else 0.0)
+        b.wall(corners[i], corners[(i + 1) % 4], (0, eaves), wall, h, name, gable=(ridge - eaves) if i % 2 else 0.0)
     o = 0.35
     low = eaves - (ridge - eaves) / y * o + 0.18
     for s in (-1, 1):
@@ -245,8 +228,8 @@ def curved_hall(wall: str = "plaster") -> list[Part]:
     b = Builder()
     x, y, spring, rise = 13.0, 8.0, 4.0, 7.0
     holes = wall_row(2 * x, 8, 2.0, 1.2, 1.9)
-    b.wall((-x, -y), (x, -y), 0, spring, wall, holes, "south")
-    b.wall((x, y), (-x, y), 0, spring, wall, holes, "north")
+    b.wall((-x, -y), (x, -y), (0, spring), wall, holes, "south")
+    b.wall((x, y), (-x, y), (0, spring), wall, holes, "north")
     angles = np.linspace(0, np.pi, 25)
     arc = np.stack([-y * np.cos(angles), spring + rise * np.sin(angles)], axis=1)
     over = 0.5
@@ -261,7 +244,7 @@ def curved_hall(wall: str = "plaster") -> list[Part]:
     for name, sx in (("east", 1), ("west", -1)):
         ends = ((sx * x, -sx * y), (sx * x, sx * y))
         door = [Opening(6.4, 0.0, 9.6, 3.4, "gate"), *(Opening(u, 1.0, u + 2.0, 3.2) for u in (1.2, 3.8, 10.2, 12.8))]
-        b.wall(*ends, 0, spring, wall, door, name)
+        b.wall(*ends, (0, spring), wall, door, name)
         for (y0, z0), (y1, z1) in pairwise(arc):
             fan = [(sx * x, -y0, spring), (sx * x, -y1, spring), (sx * x, -y1, z1), (sx * x, -y0, z0)]
             b.polygon(fan if sx < 0 else fan[::-1], "brick" if wall != "brick" else "plaster", f"{name}.tympanum")

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.roofs import Corner, band, gable_roof, hip_roof, lean_to
-from benchmarks.shapes import Builder, Opening, Part, WallFrame, wall_row
+from benchmarks.shapes import Builder, Casing, Opening, Part, WallFrame, wall_row
 
 
 def plain_house(wall: str = "clean_white") -> list[Part]:
@@ -21,7 +21,7 @@ def plain_house(wall: str = "clean_white") -> list[Part]:
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
     holes = (south, [Opening(6.8, 4.75, 7.7, 5.55)], north, [Opening(4.2, 3.9, 5.4, 5.2)])
     for i, (name, some) in enumerate(zip(("south", "east", "north", "west"), holes, strict=True)):
-        b.wall(corners[i], corners[(i + 1) % 4], 0, eaves, wall, some, name, trim=wall, surround=False)
+        b.wall(corners[i], corners[(i + 1) % 4], (0, eaves), wall, some, name, casing=Casing(trim=wall, surround=False))
     hip_roof(b, (-x, -y), (x, y), eaves, ridge, 0.4, "clean_red", "wood_trim")
     _annex(b, wall, x, (-3.2, 3.4))
     b.box((1.6, 0.8, 8.0), (2.3, 1.6, 10.0), wall, "chimney")
@@ -37,7 +37,7 @@ def _annex(b: Builder, wall: str, x: float, y: tuple[float, float]) -> None:
     (y0, y1), end, eaves, top = y, x + 6.0, 2.9, 4.2
     gate = [Opening(1.7, 0.0, 4.3, 2.2, "gate")]
     for left, right, holes in (((x, y0), (end, y0), gate), ((end, y0), (end, y1), []), ((end, y1), (x, y1), [])):
-        b.wall(left, right, 0, eaves, wall, holes, "annex", trim=wall, surround=False)
+        b.wall(left, right, (0, eaves), wall, holes, "annex", casing=Casing(trim=wall, surround=False))
     b.polygon([(x, y0, eaves), (end, y0, eaves), (x, y0, top)], wall, "annex")
     b.polygon([(end, y1, eaves), (x, y1, eaves), (x, y1, top)], wall, "annex")
     lean_to(b, (x, y0), (end, y1), eaves, top, 0.3, "clean_red")
@@ -53,7 +53,7 @@ def half_timber(wall: str = "clay") -> list[Part]:
     ]  # fmt: skip
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
     for i, name in enumerate(("south", "east", "north", "west")):
-        b.wall(corners[i], corners[(i + 1) % 4], 0, 2.8, "ashlar", lower[i], f"{name}.ground")
+        b.wall(corners[i], corners[(i + 1) % 4], (0, 2.8), "ashlar", lower[i], f"{name}.ground")
     x, y, eaves, ridge = x + jut, y + jut, 5.5, 11.0
     b.polygon([(-x, y, 2.8), (x, y, 2.8), (x, -y, 2.8), (-x, -y, 2.8)], "timber", "jetty")
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
@@ -75,7 +75,7 @@ def _timber_wall(
     frame = WallFrame.make(*ends, foot)
     pitch, height, thick, rail = frame.length / cells, top - foot, 0.17, 1.0
     holes = [Opening(i * pitch + 0.1, rail, (i + 1) * pitch - 0.1, 2.2) for i in windows]
-    b.wall(*ends, foot, top, wall, holes, name, depth=0.12, trim="timber", gable=gable, surround=False)
+    b.wall(*ends, (foot, top), wall, holes, name, gable=gable, casing=Casing(depth=0.12, trim="timber", surround=False))
 
     def beam(u0: float, v0: float, u1: float, v1: float) -> None:
         b.beam(frame.point(u0, v0, -0.04), frame.point(u1, v1, -0.04), thick, "timber", f"{name}.timber")
@@ -103,12 +103,12 @@ def slate_villa(wall: str = "slate") -> list[Part]:
     east = [h for h in ends if h.v0 > 2 or h.u0 > 3] + [Opening(0.8, 0.0, 1.9, 2.3, "door")]
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
     for i, (name, holes) in enumerate((("south", south), ("east", east), ("north", rows), ("west", ends))):
-        b.wall(corners[i], corners[(i + 1) % 4], 0, eaves, wall, holes, name, trim="dark_metal")
+        b.wall(corners[i], corners[(i + 1) % 4], (0, eaves), wall, holes, name, casing=Casing(trim="dark_metal"))
     _mansard(b, x, y, eaves)
     bay = [(-2.0, -y), (-1.3, -y - 1.3), (1.3, -y - 1.3), (2.0, -y)]
     for (a, c), hole in zip(pairwise(bay), (None, (0.3, 2.3), None), strict=True):
         panes = [] if hole is None else [Opening(hole[0], foot, hole[1], foot + 1.7) for foot in (0.9, 4.0)]
-        b.wall(a, c, 0, 6.2, "dark_metal", panes, "bay", trim="dark_metal", surround=False)
+        b.wall(a, c, (0, 6.2), "dark_metal", panes, "bay", casing=Casing(trim="dark_metal", surround=False))
     b.polygon([(px, py, 6.2) for px, py in bay], "dark_metal", "bay.roof")
     band(b, x, y, (0.0, 0.06), (0.0, 0.5), "stone", "plinth")
     for px in (-4.2, 3.3):
@@ -130,8 +130,8 @@ def _mansard(b: Builder, x: float, y: float, eaves: float) -> None:
     for px, side in ((-3.2, -1), (3.2, -1), (-3.2, 1), (3.2, 1)):
         front, back = side * (y - 0.05), side * (y - inset - 0.2)
         left, right = ((px - 0.8, front), (px + 0.8, front))[::-side]
-        b.wall(left, right, eaves + 0.5, eaves + 2.3, "dark_metal", [Opening(0.25, 0.2, 1.35, 1.6)], "dormer",
-               trim="dark_metal", surround=False)  # fmt: skip
+        pane, casing = [Opening(0.25, 0.2, 1.35, 1.6)], Casing(trim="dark_metal", surround=False)
+        b.wall(left, right, (eaves + 0.5, eaves + 2.3), "dark_metal", pane, "dormer", casing=casing)
         low_y, high_y = sorted((front - side * 0.02, back))
         for edge in (px - 0.8, px + 0.74):
             b.box((edge, low_y, eaves + 0.5), (edge + 0.06, high_y, eaves + 2.3), "dark_metal", "dormer")
@@ -148,7 +148,9 @@ def bungalow(wall: str = "cladding") -> list[Part]:
     corners = [(-x, -y), (x, -y), (x, y), (-x, y)]
     holes = (south, [Opening(2.4, 0.2, 4.8, 2.2)], north, [Opening(2.8, 1.0, 4.2, 2.1)])
     for i, (name, some) in enumerate(zip(("south", "east", "north", "west"), holes, strict=True)):
-        b.wall(corners[i], corners[(i + 1) % 4], 0, eaves, wall, some, name, trim="wood_trim", depth=0.12)
+        b.wall(
+            corners[i], corners[(i + 1) % 4], (0, eaves), wall, some, name, casing=Casing(depth=0.12, trim="wood_trim")
+        )
     hip_roof(b, (-x, -y), (x, y), eaves, 4.9, 0.7, "felt", "wood_trim")
     x0, x1, front = 1.5, 7.5, -y - 5.0
     sides: list[tuple[Corner, Corner, list[Opening]]] = [
@@ -156,7 +158,7 @@ def bungalow(wall: str = "cladding") -> list[Part]:
         ((x0, -y), (x0, front), [Opening(1.6, 0.9, 3.2, 2.1)]),
     ]  # fmt: skip
     for left, right, some in sides:
-        b.wall(left, right, 0, eaves, wall, some, "wing", trim="wood_trim", depth=0.12)
+        b.wall(left, right, (0, eaves), wall, some, "wing", casing=Casing(depth=0.12, trim="wood_trim"))
     b.polygon([(x0, front, eaves), (x1, front, eaves), (4.5, front, 4.4)], wall, "wing")
     for edge, quad in ((x0, ((x0 - 0.5, 2.62), (4.5, 4.55))), (x1, ((x1 + 0.5, 2.62), (4.5, 4.55)))):
         (u0, z0), (u1, z1) = quad
@@ -183,7 +185,7 @@ def brick_wings(wall: str = "brick") -> list[Part]:
         holes = wall_row(length, max(2, round(length / 3)), 1.3, 1.2, 2.4)
         if i == 2:
             holes[1:-1] = [Opening(length / 2 - 0.9, 0.0, length / 2 + 0.9, 2.8, "door")]
-        b.wall(left, right, 0, eaves, wall, holes, f"side {i}", gable=ridge - eaves if i in gables else 0.0)
+        b.wall(left, right, (0, eaves), wall, holes, f"side {i}", gable=ridge - eaves if i in gables else 0.0)
     for middle in (-10.0, 10.0):
         _ridged(b, (middle, 0.0), (10.0, 4.0), (eaves, ridge), over, along_y=True)
     _ridged(b, (0.0, 6.5), (9.0, 3.5), (eaves, ridge - 0.4), over, along_y=False)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from benchmarks.roofs import Corner, band, cone, drum, gable_roof, gutter, ring_points
-from benchmarks.shapes import Builder, Opening, Part, WallFrame, wall_row
+from benchmarks.shapes import Builder, Casing, Opening, Part, WallFrame, wall_row
 
 
 def warehouse(wall: str = "brick") -> list[Part]:
@@ -23,8 +23,10 @@ def warehouse(wall: str = "brick") -> list[Part]:
             low[bays // 2] = Opening(length / 2 - 1.2, 0.0, length / 2 + 1.2, 2.9, "gate")
         high = [h for v in (0.7, 3.2) for h in wall_row(length, bays, 1.1, v, 1.6)]
         gable = ridge - eaves if i % 2 else 0.0
-        b.wall(corners[i], corners[(i + 1) % 4], 0, base, "ashlar", low, f"{name}.ground", surround=False)
-        b.wall(corners[i], corners[(i + 1) % 4], base, eaves, wall, high, name, gable=gable)
+        b.wall(
+            corners[i], corners[(i + 1) % 4], (0, base), "ashlar", low, f"{name}.ground", casing=Casing(surround=False)
+        )
+        b.wall(corners[i], corners[(i + 1) % 4], (base, eaves), wall, high, name, gable=gable)
         frame = WallFrame.make(corners[i], corners[(i + 1) % 4], base)
         for k in range(bays + 1):
             u = min(max(k * length / bays, 0.25), length - 0.25)
@@ -49,8 +51,8 @@ def sheet_hall(wall: str = "shiny_sheet") -> list[Part]:
     b = Builder()
     x, spring, rise, span = 12.0, 5.2, 2.8, 10.0
     ribbon = [Opening(0.8 + 3.2 * i, 3.4, 3.4 + 3.2 * i, 4.6) for i in range(7)]
-    b.wall((-x, -span), (x, -span), 0, spring, wall, ribbon, "south", trim="metal", surround=False)
-    b.wall((x, span), (-x, span), 0, spring, wall, ribbon, "north", trim="metal", surround=False)
+    b.wall((-x, -span), (x, -span), (0, spring), wall, ribbon, "south", casing=Casing(trim="metal", surround=False))
+    b.wall((x, span), (-x, span), (0, spring), wall, ribbon, "north", casing=Casing(trim="metal", surround=False))
     angles = np.linspace(0, np.pi, 21)
     for name, middle in (("south", -span / 2), ("north", span / 2)):
         arc = [(middle - span / 2 * float(np.cos(t)), spring + rise * float(np.sin(t))) for t in angles]
@@ -61,7 +63,7 @@ def sheet_hall(wall: str = "shiny_sheet") -> list[Part]:
             low, high = middle - span / 2, middle + span / 2
             ends = ((sx * x, low), (sx * x, high)) if sx > 0 else ((sx * x, high), (sx * x, low))
             gate = [Opening(3.0, 0.0, 7.0, 4.2, "gate")] if (side, name) != ("west", "north") else []
-            b.wall(*ends, 0, spring, wall, gate, f"{side}.{name}", trim="metal", surround=False)
+            b.wall(*ends, (0, spring), wall, gate, f"{side}.{name}", casing=Casing(trim="metal", surround=False))
             for (y0, z0), (y1, z1) in pairwise(arc):
                 fan = [(sx * x, y0, spring), (sx * x, y1, spring), (sx * x, y1, z1), (sx * x, y0, z0)]
                 b.polygon(fan if sx > 0 else fan[::-1], wall, f"{side}.tympanum")
@@ -142,7 +144,8 @@ def glass_showroom(wall: str = "mirror_glass") -> list[Part]:
         length = float(np.hypot(*np.subtract(yard[(i + 1) % 4], yard[i])))
         holes = [Opening(length / 2 - 1.8, 0.0, length / 2 + 1.8, 3.4, "gate")] if i % 2 == 0 else (
             wall_row(length, 4, 1.4, 2.2, 1.3) if name == "east" else [])  # fmt: skip
-        b.wall(yard[i], yard[(i + 1) % 4], 0, top, "clean_white", holes, f"workshop.{name}", surround=False)
+        element, casing = f"workshop.{name}", Casing(surround=False)
+        b.wall(yard[i], yard[(i + 1) % 4], (0, top), "clean_white", holes, element, casing=casing)
     b.polygon([(px, py, top - 0.3) for px, py in yard], "gravel", "workshop.roof")
     return b.parts()
 
@@ -170,7 +173,9 @@ def glass_tower(wall: str = "mirror_glass") -> list[Part]:
     podium = [(-10.0, -8.0), (10.0, -8.0), (10.0, 8.0), (-10.0, 8.0)]
     for i in range(4):
         length = float(np.hypot(*np.subtract(podium[(i + 1) % 4], podium[i])))
-        b.wall(podium[i], podium[(i + 1) % 4], 0, foot, "sandstone", wall_row(length, 5, 1.8, 0.6, 2.8), f"podium {i}")
+        b.wall(
+            podium[i], podium[(i + 1) % 4], (0, foot), "sandstone", wall_row(length, 5, 1.8, 0.6, 2.8), f"podium {i}"
+        )
     b.polygon([(px, py, foot - 0.3) for px, py in podium], "gravel", "podium.roof")
     corners = [(-7.5, -5.5), (6.0, -5.5), (6.0, 5.5), (-7.5, 5.5)]
     for i, corner in enumerate(corners):
@@ -211,7 +216,9 @@ def balcony_tower(wall: str = "raw_concrete") -> list[Part]:
                 holes += [Opening(u, foot, u + 2.2, foot + 2.3) for u in (1.4, 9.4)]
                 low = foot + 0.8 if k or i else 0.05
                 holes.append(Opening(5.9, low, 7.1, foot + 2.2, "window" if k or i else "door"))
-        b.wall(corners[i], corners[(i + 1) % 4], 0, height, wall, holes, name, surround=False, trim=wall)
+        b.wall(
+            corners[i], corners[(i + 1) % 4], (0, height), wall, holes, name, casing=Casing(trim=wall, surround=False)
+        )
         for k in range(1, floors) if i % 2 == 0 else ():
             for u in (0.6, 8.6):
                 _balcony(b, wall, WallFrame.make(corners[i], corners[(i + 1) % 4], k * storey + 0.2), u)
@@ -241,10 +248,10 @@ def chapel(wall: str = "sandstone") -> list[Part]:
     b = Builder()
     x, y, eaves, ridge = 7.0, 4.2, 6.4, 11.0
     side = [Opening(1.9 + 3.4 * i, 1.8, 3.0 + 3.4 * i, 4.8) for i in range(4)]
-    b.wall((-x, -y), (x, -y), 0, eaves, wall, side, "south")
-    b.wall((x, y), (-x, y), 0, eaves, wall, side, "north")
-    b.wall((x, -y), (x, y), 0, eaves, wall, (), "east", gable=ridge - eaves)
-    b.wall((-x, y), (-x, -y), 0, eaves, wall, [Opening(3.3, 0.0, 5.1, 3.0, "door")], "west", gable=ridge - eaves)
+    b.wall((-x, -y), (x, -y), (0, eaves), wall, side, "south")
+    b.wall((x, y), (-x, y), (0, eaves), wall, side, "north")
+    b.wall((x, -y), (x, y), (0, eaves), wall, (), "east", gable=ridge - eaves)
+    b.wall((-x, y), (-x, -y), (0, eaves), wall, [Opening(3.3, 0.0, 5.1, 3.0, "door")], "west", gable=ridge - eaves)
     gable_roof(b, x, y, eaves, ridge, 0.3, "slate")
     for s in (-1, 1):
         for i in range(5):

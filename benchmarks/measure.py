@@ -147,38 +147,11 @@ def measure(
     row: dict[str, Any] = {"variant": run.variant, "scene": run.scene, "seed": run.seed, "group": run.group,
                            "options": run.options, "masks": run.masks, "poses": run.poses, "samples": samples,
                            **origin()}  # fmt: skip
-    shutil.rmtree(job, ignore_errors=True)
-    job.mkdir(parents=True)
-    mesh, restored = job / "mesh.ply", Stages()
-    entry = None
-    if cache is not None and not run.command:
-        entry = cache_entry(cache, scene.folder, run.masks, run.poses, run.seed, run.options)
-    source = _source(scene.folder, run.poses, job if entry is None else entry.parent)
-    if run.command:
-        command = _external(run, source, job, mesh)
-    else:
-        job.rmdir()  # the engine makes it
-        restored = {} if entry is None else restore_stages(entry, job)
-        command = _engine(run, source, scene.folder, job)
-    code, tail, usage = _timed(command, job)
-    row.update(usage)
-    if code == 0 and entry is not None:
-        _add_saved(row, saved_cost(restored, job))
-        store_stages(job, entry)
-    if code != 0 or not mesh.exists():
+    code, tail, cost = _make_mesh(run, scene, job, cache)
+    row.update(cost)
+    if code != 0 or not (job / "mesh.ply").exists():
         return {**row, "code": code, "failed": tail or f"exit code {code}"}
-    whole_picture = bool(run.command) or str(run.options.get("use_masks", True)).lower() in ("false", "0", "off", "no")
-    thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
-    crop = scene.crop if whole_picture else above_ground(scene.crop)
-    _to_true_frame(mesh, scene)
-    truth = read_surface(scene.truth)
-    found = compare_surfaces(read_surface(mesh), truth, ComparisonOptions(samples, scene.cameras, crop))
-    scores = found.scores(thresholds, read_materials(scene.truth, len(truth.faces)))
-    if scene.openwork is not None:
-        row["without_openwork"] = found.without(scene.openwork).scores(thresholds).as_dict()
-    row["whole_picture"] = whole_picture
-    row["in_box"] = found.inside(scene.crop).scores(thresholds).as_dict()
-    row.update(geometry=scores.as_dict(), ground_pixel=scene.ground_pixel, faces=scores.hygiene.faces)
+    row.update(_mesh_scores(run, scene, job / "mesh.ply", samples))
     if not run.command:
         row.update(job_figures(job))
         row["mask_iou"] = mean_mask_iou(job, scene.folder)
@@ -187,6 +160,43 @@ def measure(
     if not keep_job:
         _slim(job)
     return row
+
+
+def _make_mesh(run: Run, scene: Prepared, job: Path, cache: Path | None) -> tuple[int, str, dict[str, Any]]:
+    """Run the engine or an external tool in an empty folder; returns its exit code, last line and cost."""
+    shutil.rmtree(job, ignore_errors=True)
+    job.mkdir(parents=True)
+    if run.command:
+        return _timed(_external(run, _source(scene.folder, run.poses, job), job, job / "mesh.ply"), job)
+    entry, restored = None, Stages()
+    if cache is not None:
+        entry = cache_entry(cache, scene.folder, run.masks, run.poses, run.seed, run.options)
+    source = _source(scene.folder, run.poses, job if entry is None else entry.parent)
+    job.rmdir()  # the engine makes it
+    if entry is not None:
+        restored = restore_stages(entry, job)
+    code, tail, cost = _timed(_engine(run, source, scene.folder, job), job)
+    if code == 0 and entry is not None:
+        _add_saved(cost, saved_cost(restored, job))
+        store_stages(job, entry)
+    return code, tail, cost
+
+
+def _mesh_scores(run: Run, scene: Prepared, mesh: Path, samples: int) -> dict[str, Any]:
+    """Move a mesh into the true frame and compare it with the true one; as columns of a row."""
+    whole_picture = bool(run.command) or str(run.options.get("use_masks", True)).lower() in ("false", "0", "off", "no")
+    thresholds = sorted({*THRESHOLDS, round(scene.ground_pixel, 4), round(2 * scene.ground_pixel, 4)})
+    crop = scene.crop if whole_picture else above_ground(scene.crop)
+    _to_true_frame(mesh, scene)
+    truth = read_surface(scene.truth)
+    found = compare_surfaces(read_surface(mesh), truth, ComparisonOptions(samples, scene.cameras, crop))
+    scores = found.scores(thresholds, read_materials(scene.truth, len(truth.faces)))
+    row: dict[str, Any] = {}
+    if scene.openwork is not None:
+        row["without_openwork"] = found.without(scene.openwork).scores(thresholds).as_dict()
+    row["whole_picture"] = whole_picture
+    row["in_box"] = found.inside(scene.crop).scores(thresholds).as_dict()
+    return {**row, "geometry": scores.as_dict(), "ground_pixel": scene.ground_pixel, "faces": scores.hygiene.faces}
 
 
 def _add_saved(row: dict[str, Any], cost: dict[str, float]) -> None:

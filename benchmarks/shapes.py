@@ -53,6 +53,21 @@ class Opening:
     kind: str = "window"
 
 
+@dataclass(frozen=True)
+class Casing:
+    """How the openings of a wall are cased.
+
+    Attributes:
+        depth: of their reveals, metres.
+        trim: material of reveals and surrounds.
+        surround: whether a band runs around each opening.
+    """
+
+    depth: float = 0.18
+    trim: str = "stone"
+    surround: bool = True
+
+
 @dataclass
 class Builder:
     """Collects parts; faces with one element and material become one part."""
@@ -102,26 +117,25 @@ class Builder:
         self,
         left: Sequence[float],
         right: Sequence[float],
-        foot: float,
-        top: float,
+        heights: tuple[float, float],
         material: str,
         openings: Sequence[Opening] = (),
         element: str = "",
-        depth: float = 0.18,
-        trim: str = "stone",
         gable: float = 0.0,
-        surround: bool = True,
+        casing: Casing = Casing(),
     ) -> None:
         """Add a vertical wall with real openings: reveals, frames, panes and a surround.
 
         Args:
             left, right: ground points [2] as seen from outside.
-            foot, top: heights.
+            heights: of its foot and its top.
+            material: of the wall.
             openings: holes in the wall's frame; they must not overlap.
-            trim: material of reveals and surrounds.
+            element: second-level element it belongs to.
             gable: height of a triangle on top of the wall.
-            surround: whether a band runs around each opening.
+            casing: of all openings.
         """
+        foot, top = heights
         frame = WallFrame.make(left, right, foot)
         height = top - foot
         cuts_u = sorted({0.0, frame.length, *(o.u0 for o in openings), *(o.u1 for o in openings)})
@@ -136,10 +150,11 @@ class Builder:
             self.polygon([frame.point(0, height, 0), frame.point(frame.length, height, 0), apex], material, element)
         for number, hole in enumerate(openings):
             name = f"{element}.{hole.kind}{number}" if element else f"{hole.kind}{number}"
-            self._fill(frame, hole, name, depth, trim, surround)
+            self._fill(frame, hole, name, casing)
 
-    def _fill(self, frame: WallFrame, hole: Opening, element: str, depth: float, trim: str, surround: bool) -> None:
+    def _fill(self, frame: WallFrame, hole: Opening, element: str, casing: Casing) -> None:
         """Reveals, a surround, and the window or door itself."""
+        depth, trim = casing.depth, casing.trim
         u0, v0, u1, v1 = hole.u0, hole.v0, hole.u1, hole.v1
         p = frame.point
         rim = ((u0, v0), (u1, v0), (u1, v1), (u0, v1))
@@ -159,7 +174,7 @@ class Builder:
                 bars.append((u0, u1, cross - bar / 2, cross + bar / 2))
         for a, b, c, d in bars:
             self._slab(frame, (a, c, b, d), (-depth, -depth + 0.06), "frame", element)
-        if surround:
+        if casing.surround:
             t, out = 0.16, (0.0, 0.05)
             self._slab(frame, (u0 - t, v1, u1 + t, v1 + t), out, trim, "")
             self._slab(frame, (u0 - t, v0, u0, v1), out, trim, "")

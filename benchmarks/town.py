@@ -71,12 +71,12 @@ def row_house(wall: str, roof: str, windows: int, free: tuple[str, ...]) -> list
     b = Builder()
     x, y, eaves, ridge = 4.0, 5.0, 6.0, 9.2
     holes = [h for foot in (0.9, 3.7) for h in wall_row(2 * x, windows, 1.1, foot, 1.4)]
-    b.wall((-x, -y), (x, -y), 0, eaves, wall, holes, "south")
-    b.wall((x, y), (-x, y), 0, eaves, wall, holes, "north")
+    b.wall((-x, -y), (x, -y), (0, eaves), wall, holes, "south")
+    b.wall((x, y), (-x, y), (0, eaves), wall, holes, "north")
     if "east" in free:
-        b.wall((x, -y), (x, y), 0, eaves, wall, (), "east", gable=ridge - eaves)
+        b.wall((x, -y), (x, y), (0, eaves), wall, (), "east", gable=ridge - eaves)
     if "west" in free:
-        b.wall((-x, y), (-x, -y), 0, eaves, wall, (), "west", gable=ridge - eaves)
+        b.wall((-x, y), (-x, -y), (0, eaves), wall, (), "west", gable=ridge - eaves)
     gable_roof(b, x, y, eaves, ridge, 0.0, roof)
     b.box((-1.0, 1.0, 8.0), (-0.4, 1.6, 10.2), "brick", "chimney")
     return b.parts()

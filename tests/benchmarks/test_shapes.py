@@ -12,7 +12,7 @@ import pytest
 from benchmarks import buildings
 from benchmarks.buildings import BUILDINGS
 from benchmarks.scenes import element_ids
-from benchmarks.shapes import Builder, Opening, Part, true_mesh, wall_row
+from benchmarks.shapes import Builder, Casing, Opening, Part, true_mesh, wall_row
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE
 
@@ -49,7 +49,7 @@ def test_roof_slab_has_its_thickness() -> None:
 
 def test_wall_leaves_out_its_openings() -> None:
     b = Builder()
-    b.wall((0, 0), (10, 0), 0, 4, "brick", [Opening(2, 1, 4, 3, "void")], "south", trim="stone")
+    b.wall((0, 0), (10, 0), (0, 4), "brick", [Opening(2, 1, 4, 3, "void")], "south", casing=Casing(trim="stone"))
     brick = [p for p in b.parts() if p.material == "brick"]
     assert area(brick) == pytest.approx(10 * 4 - 2 * 2)
     reveals = [p for p in b.parts() if p.material == "stone"]
@@ -61,7 +61,7 @@ def test_wall_leaves_out_its_openings() -> None:
 
 def test_windows_lie_inside_the_wall_and_frames_in_front_of_the_glass() -> None:
     b = Builder()
-    b.wall((0, 0), (6, 0), 0, 3, "brick", wall_row(6, 2, 1.2, 1.0, 1.4), "south")
+    b.wall((0, 0), (6, 0), (0, 3), "brick", wall_row(6, 2, 1.2, 1.0, 1.4), "south")
     parts = {p.material: p for p in b.parts() if "window" in p.element}
     assert parts["glass"].vertices[:, 1] == pytest.approx(0.18)
     assert parts["frame"].vertices[:, 1].min() == pytest.approx(0.12)
