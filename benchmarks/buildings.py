@@ -8,17 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from benchmarks.glass_buildings import glass_block, glass_office, glass_showroom, glass_tower
 from benchmarks.houses import brick_wings, bungalow, half_timber, plain_house, slate_villa
-from benchmarks.landmarks import (
-    balcony_tower,
-    chapel,
-    glass_block,
-    glass_office,
-    glass_showroom,
-    glass_tower,
-    sheet_hall,
-    warehouse,
-)
+from benchmarks.landmarks import balcony_tower, chapel, sheet_hall, warehouse
 from benchmarks.roofs import band, gable_roof
 from benchmarks.shapes import Builder, Casing, Opening, Part, wall_row
 
