@@ -9,52 +9,27 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from benchmarks.fuzz.uses import all_inside, use_field, use_mesh, use_scene
+from benchmarks.fuzz.job_files import JOB_TARGETS
+from benchmarks.fuzz.target import (
+    FACES,
+    VERTICES,
+    Target,
+    check_contained,
+    check_sentence,
+    ignore_bad_input,
+    small_scene,
+    write_photos,
+)
+from benchmarks.fuzz.uses import all_inside, use_masks, use_mesh, use_scene
 from benchmarks.synthetic.colmap_scene import reconstruction, write_model, write_scene
 from mgf_engine.errors import BadInput
-from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.model.masks import MaskSet
-from mgf_engine.model.scene import Scene, Similarity, View
-
-
-@dataclass(frozen=True)
-class Target:
-    """One reader.
-
-    Attributes:
-        prepare: writes sound files into an empty folder.
-        files: name in the folder -> kind of damage, see :mod:`benchmarks.fuzz.mutate`.
-        read: reads the folder.
-        weight: share of the cases, relative to the other targets; slow readers get fewer.
-    """
-
-    prepare: Callable[[Path], None]
-    files: dict[str, str]
-    read: Callable[[Path], Any]
-    weight: float = 1.0
-
-
-def small_scene(folder: Path) -> Scene:
-    """Two views of 16 x 12 pixels and three points, in memory."""
-    views = tuple(
-        View(f"a/p{i}.jpg", f"images/{i:04d}_p{i}.png", 16, 12, 15.0, 15.0, 8.0, 6.0, np.eye(3),
-             np.array([0, 0, 5.0 + i]), 32, 24)
-        for i in range(2)
-    )  # fmt: skip
-    return Scene(
-        views, np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0.2]], float), np.zeros((3, 3), np.uint8),
-        np.zeros(3, np.float32), np.array([0, 2, 4, 6]), np.array([0, 1, 0, 1, 0, 1], np.int32),
-        np.full((6, 2), 5, np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (1,), folder,
-    )  # fmt: skip
-
 
 # ---- COLMAP --------------------------------------------------------------------------------------------------------
 
@@ -98,17 +73,8 @@ def _whole_scene() -> Target:
     return Target(prepare, {**names, photo: "png"}, read, weight=0.02)
 
 
-def check_contained(folder: Path, allowed: set[str]) -> None:
-    """Raise when a reader wrote beside the folders it was given."""
-    extra = {p.name for p in folder.iterdir()} - allowed
-    if extra:
-        raise AssertionError(f"written outside the job: {sorted(extra)}")
-
-
 # ---- meshes --------------------------------------------------------------------------------------------------------
 
-_VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
-_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
 _ASCII_PLY = """ply
 format ascii 1.0
 comment a tetrahedron
@@ -133,18 +99,12 @@ end_header
 """
 
 
-def _write_photos(scene: Scene) -> None:
-    (scene.folder / "images").mkdir()
-    for view in scene.views:
-        cv2.imwrite(str(scene.folder / view.file), np.full((12, 16, 3), 90, np.uint8))
-
-
 def _prepare_ply(folder: Path) -> None:
     from mgf_engine.geometry.mesh_files import write_ply
     from mgf_engine.model.mesh import Mesh
 
-    _write_photos(small_scene(folder))
-    write_ply(Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8)), folder / "binary.ply")
+    write_photos(small_scene(folder))
+    write_ply(Mesh(VERTICES, FACES, np.full((4, 3), 7, np.uint8)), folder / "binary.ply")
     (folder / "ascii.ply").write_text(_ASCII_PLY)
     (folder / "plain.ply").write_text(re.sub(r"property uchar .*\n| (255|0) 0 0$", "", _ASCII_PLY, flags=re.MULTILINE))
 
@@ -164,8 +124,8 @@ def _read_ply(folder: Path) -> Any:
         compare_surfaces(read_surface(path), truth, ComparisonOptions(100))
 
     for name in ("binary.ply", "ascii.ply", "plain.ply"):
-        _ignore_bad_input(use, folder / name)
-        _ignore_bad_input(compare, folder / name)
+        ignore_bad_input(use, folder / name)
+        ignore_bad_input(compare, folder / name)
 
 
 def _sound_surface(folder: Path) -> Path:
@@ -173,22 +133,8 @@ def _sound_surface(folder: Path) -> Path:
     from mgf_engine.model.mesh import Mesh
 
     if not (folder / "truth.ply").exists():
-        write_ply(Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8)), folder / "truth.ply")
+        write_ply(Mesh(VERTICES, FACES, np.full((4, 3), 7, np.uint8)), folder / "truth.ply")
     return folder / "truth.ply"
-
-
-def _ignore_bad_input(reader: Callable[[Path], Any], path: Path) -> None:
-    try:
-        reader(path)
-    except BadInput as error:
-        check_sentence(error)
-
-
-def check_sentence(error: BadInput) -> None:
-    """One line that ends like a sentence."""
-    text = str(error)
-    if not text or "\n" in text or not text.endswith("."):
-        raise AssertionError(f"not one sentence: {text!r}")
 
 
 # ---- prompts, options, masks ---------------------------------------------------------------------------------------
@@ -204,7 +150,7 @@ def _read_prompts(folder: Path) -> Any:
     from mgf_engine.masks.prompts import read_clicks_of, read_prompts
 
     scene = small_scene(folder)
-    _ignore_bad_input(lambda p: read_clicks_of(p, scene.views[0]), folder / "prompts.json")
+    ignore_bad_input(lambda p: read_clicks_of(p, scene.views[0]), folder / "prompts.json")
     return read_prompts(folder / "prompts.json", scene)
 
 
@@ -220,7 +166,7 @@ def _read_config(folder: Path) -> Any:
     from mgf_engine.option_input import read_config
     from mgf_engine.scene.crop import parse_crop_box, read_crop_box
 
-    _ignore_bad_input(lambda p: read_crop_box(str(p)), folder / "box.txt")
+    ignore_bad_input(lambda p: read_crop_box(str(p)), folder / "box.txt")
     config = make_config(read_config(folder / "config.json"))
     parse_crop_box(config.crop_box)
     return config
@@ -229,7 +175,7 @@ def _read_config(folder: Path) -> Any:
 def _prepare_masks(folder: Path) -> None:
     mask = np.zeros((24, 32), np.uint8)
     mask[5:15, 8:20] = 255
-    _write_photos(small_scene(folder))
+    write_photos(small_scene(folder))
     cv2.imwrite(str(folder / "p0.png"), mask)
     cv2.imwrite(str(folder / "p1.png"), np.dstack([mask, mask, mask, mask]))
 
@@ -240,26 +186,7 @@ def _read_masks(folder: Path) -> Any:
     scene = small_scene(folder)
     given = read_supplied(folder, scene)
     nothing = np.zeros((12, 16), np.uint8)
-    _use_masks(replace(all_inside(scene), labels=tuple(nothing if m is None else m for m in given)), scene, folder)
-
-
-def _use_masks(masks: MaskSet, scene: Scene, folder: Path) -> None:
-    """Train a step on the masks, and paint a mesh from what they show."""
-    from mgf_engine.model.mesh import Mesh
-
-    use_field(_field(), scene, masks, folder)
-    mesh = Mesh(_VERTICES, _FACES, np.full((4, 3), 7, np.uint8))
-    use_mesh(mesh, scene, masks, folder)
-
-
-def _field() -> Gaussians:
-    import torch
-
-    from mgf_engine.field.initialise import initial_field
-
-    points = np.random.default_rng(0).normal(size=(6, 3))
-    torch.manual_seed(0)
-    return initial_field(points, np.full((6, 3), 90, np.uint8), np.tile([[0.0, 0, -5]], (6, 1)))
+    use_masks(replace(all_inside(scene), labels=tuple(nothing if m is None else m for m in given)), scene, folder)
 
 
 def _prepare_photos(folder: Path) -> None:
@@ -281,92 +208,6 @@ def _read_photos(folder: Path) -> Any:
             check_sentence(error)
 
 
-# ---- the job folder ------------------------------------------------------------------------------------------------
-
-
-def _prepare_job(folder: Path) -> None:
-    from mgf_engine.job import Job
-
-    (folder / "photos").mkdir()
-    with Job.start(folder / "job", folder / "photos", given={"seed": 3}) as job:
-        for stage in ("scene", "masks"):
-            job.finish(stage, job.begin(stage), 1.0, 2.0, 5, {"photos": 3}, ["a warning"])
-
-
-def _read_job(folder: Path) -> Any:
-    from mgf_engine.job import Job
-
-    with Job.start(folder / "job", folder / "photos", resume=True) as job:
-        return [job.done(stage) for stage in ("scene", "masks", "deliver")]
-
-
-def _prepare_scene(folder: Path) -> None:
-    from mgf_engine.scene.store import save_scene
-
-    scene = small_scene(folder)
-    _write_photos(scene)
-    save_scene(scene)
-
-
-def _read_scene(folder: Path) -> Any:
-    from mgf_engine.scene.store import read_scene
-
-    scene = read_scene(folder)
-    for index in range(len(scene.views)):
-        if folder.resolve() not in (folder / scene.views[index].file).resolve().parents:
-            raise AssertionError(f"leads out of the folder: {scene.views[index].file}")
-    use_scene(scene, folder)
-    return scene
-
-
-def _prepare_saved_masks(folder: Path) -> None:
-    from mgf_engine.masks.store import save_masks
-    from mgf_engine.model.masks import MaskSet
-
-    scene = small_scene(folder)
-    _write_photos(scene)
-    labels = tuple(np.ones((12, 16), np.uint8) for _ in scene.views)
-    clicks = (np.array([[3.5, 4.25], [6, 7]], np.float32), np.zeros((0, 2), np.float32))
-    masks = MaskSet(labels, np.ones(2, bool), np.ones(2, np.float32), np.ones(3, bool), clicks)
-    save_masks(masks, scene, folder, ["", ""])
-
-
-def _read_saved_masks(folder: Path) -> Any:
-    from mgf_engine.masks.store import read_masks
-    from mgf_engine.mesh.parts import named_parts
-
-    scene = small_scene(folder)
-    named_parts(folder, scene)
-    masks = read_masks(folder, scene)
-    _use_masks(masks, scene, folder)
-    return masks
-
-
-def _prepare_checkpoint(folder: Path) -> None:
-    from mgf_engine.field.checkpoint import Checkpoint, write_checkpoint, write_field
-    from mgf_engine.field.optimiser import Optimiser
-    from mgf_engine.raster.api import RenderStats
-
-    field = _field()
-    _write_photos(small_scene(folder))
-    write_field(field, folder / "field.npz")
-    figures = {"start_gaussians": 6, "curve": [], "seconds": {"render": 1.0}}
-    write_checkpoint(Checkpoint(Optimiser(field), RenderStats.zeros(6), 40, figures), folder / "training.npz")
-
-
-def _read_checkpoint(folder: Path) -> Any:
-    from mgf_engine.field.checkpoint import read_checkpoint, read_field
-
-    scene = small_scene(folder)
-    checkpoint = read_checkpoint(folder / "training.npz")
-    if checkpoint is not None:
-        dict(checkpoint.figures["seconds"])
-        use_field(checkpoint.optimiser.field, scene, all_inside(scene), folder)
-    field = read_field(folder / "field.npz")
-    use_field(field, scene, all_inside(scene), folder)
-    return field
-
-
 TARGETS: dict[str, Target] = {
     "colmap-bin": _colmap(".bin"),
     "colmap-txt": _colmap(".txt"),
@@ -377,12 +218,5 @@ TARGETS: dict[str, Target] = {
     "masks": Target(_prepare_masks, {"p0.png": "png", "p1.png": "png"}, _read_masks, 1.0),
     "photos": Target(_prepare_photos, {f"a.{e}": "binary" for e in ("jpg", "tif", "webp", "bmp")} | {"a.png": "png"},
                      _read_photos, 0.5),
-    "job": Target(_prepare_job, {"job/job.json": "json"}, _read_job, 0.5),
-    "scene": Target(_prepare_scene, {"scene.npz": "npz", "images/0000_p0.png": "png"}, _read_scene, 0.5),
-    "saved-masks": Target(
-        _prepare_saved_masks,
-        {"scores.json": "json", "parts.json": "json", "points.bin": "binary", "labels/p0.png": "png"},
-        _read_saved_masks, 1.0,
-    ),
-    "checkpoint": Target(_prepare_checkpoint, {"training.npz": "npz", "field.npz": "npz"}, _read_checkpoint, 0.3),
+    **JOB_TARGETS,
 }  # fmt: skip

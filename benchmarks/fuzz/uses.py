@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks.fuzz.target import FACES, VERTICES, small_field
 from mgf_engine.config import make_config
 from mgf_engine.field.export import write_splats
 from mgf_engine.field.initialise import initial_field
@@ -90,6 +91,12 @@ def use_field(field: Gaussians, scene: Scene, masks: MaskSet, folder: Path) -> N
         where = np.full((view.height, view.width), INSIDE, np.uint8)
         PointOpacity(field).lower(np.full((len(points), 2), 2.0, np.float32), points, view, where)
     write_splats(field, scene.to_normalised, folder / "used_field.ply")
+
+
+def use_masks(masks: MaskSet, scene: Scene, folder: Path) -> None:
+    """Train a step on the masks, and paint a mesh from what they show."""
+    use_field(small_field(), scene, masks, folder)
+    use_mesh(Mesh(VERTICES, FACES, np.full((4, 3), 7, np.uint8)), scene, masks, folder)
 
 
 def use_scene(scene: Scene, folder: Path) -> None:

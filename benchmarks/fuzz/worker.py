@@ -20,7 +20,8 @@ import warnings
 from pathlib import Path
 
 from benchmarks.fuzz.mutate import mutate
-from benchmarks.fuzz.targets import TARGETS, check_sentence
+from benchmarks.fuzz.target import check_sentence
+from benchmarks.fuzz.targets import TARGETS
 from mgf_engine.errors import BadInput
 
 #: Bytes of address space a reader may take beyond what the process has when it starts.
