@@ -4,7 +4,7 @@
 Reads ``FOLDER/work/job.json`` and ``FOLDER/work/parts.npz``; writes ``work/photos/*.png`` (what the camera sees),
 ``work/ids/*.png`` (which element each pixel's centre hits) and ``work/alone/*.png`` (the same with the
 surroundings taken away). Pictures that are there already are kept, so a stopped render goes on where it was.
-This file and ``materials.py`` are the only ones that import ``bpy``; the engine starts them as a process.
+Only the files of this folder import ``bpy``; the engine starts them as a process.
 """
 
 from __future__ import annotations
