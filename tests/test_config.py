@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from mgf_engine.algorithms import RENAMED_OPTIONS, algorithm_default
 from mgf_engine.config import (
-    PRESETS,
     RENAMED,
     SECTIONS,
     Config,
@@ -19,6 +18,7 @@ from mgf_engine.config import (
 )
 from mgf_engine.errors import BadInput
 from mgf_engine.option_input import option_pairs, read_config
+from mgf_engine.presets import PRESETS
 
 
 def test_defaults_are_valid() -> None:

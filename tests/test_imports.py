@@ -17,7 +17,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ORDER = (
     *("system", "errors", "stages", "subprocesses", "timing", "memory", "spill", "morton", "safe_npz", "sampling"),
     "images",
-    *("option_values", "algorithm_table", "algorithms", "costs", "config", "option_input", "option_list"),  # options
+    *("option_values", "algorithm_table", "algorithms"),  # options of algorithms
+    *("costs", "presets", "config", "option_input", "option_list"),  # options of a job
     *("messages", "terminal", "reported", "output_folder"),  # reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work

@@ -8,8 +8,9 @@ import json
 import pytest
 
 from mgf_engine.algorithms import algorithm_default, is_algorithm_option
-from mgf_engine.config import PRESETS, as_dict, make_config, option_fields
+from mgf_engine.config import as_dict, make_config, option_fields
 from mgf_engine.masks.propagation.propagate import PropagationOptions
+from mgf_engine.presets import PRESETS
 from mgf_engine.scene.adjust import AdjustOptions
 
 #: Option -> value and where the paper prints it.

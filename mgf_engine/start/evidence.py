@@ -16,7 +16,8 @@ from mgf_engine.errors import BadInput
 from mgf_engine.start.dense import DensePoints
 from mgf_engine.start.lines import Line, line_points
 from mgf_engine.start.options import StartOptions
-from mgf_engine.start.planes import LinePlanes, crease_points, find_planes, plane_points, snap_to_planes
+from mgf_engine.start.plane_points import crease_points, plane_points
+from mgf_engine.start.planes import LinePlanes, find_planes, snap_to_planes
 from mgf_engine.start.views import StartViews
 
 log = logging.getLogger("mgf")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fit planes through the lines of a building, and place points on them to which Delaunay tetrahedra conform."""
+"""Fit planes through the lines of a building, and move points onto them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.start.lines import Line
@@ -283,117 +282,3 @@ def _planes_to_snap_to(
         result[found, k] = nearest[found]
         left[found] = np.where(parallel[nearest[found]], np.inf, left[found])
     return result
-
-
-def plane_points(
-    planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, o: PlaneOptions
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Place points every ``o.grid`` px on each plane, over the convex hull of its lines.
-
-    A plane just beside a stronger parallel one (a pane, a frame) has points near its own lines only, since nothing else
-    tells which of the two a bare stretch lies on. Where stereo points lie beside the plane there are none.
-
-    Args:
-        planes: to place points on.
-        lines: all lines, which the planes' members number.
-        dense: points by stereo, [M, 3].
-        pixel: size of a pixel at the building.
-        o: distances in pixels.
-
-    Returns:
-        points [N, 3] and the plane of each [N].
-    """
-    found, owner = [np.zeros((0, 3))], [np.zeros(0, np.int64)]
-    tree = cKDTree(dense) if len(dense) else None
-    for k, plane in enumerate(planes.planes):
-        ends = np.stack([lines[n].ends for n in planes.members[k]])
-        along, down = _axes(plane[:3], ends[0, 1] - ends[0, 0])
-        uv = np.concatenate([np.linspace(p, q, 2 + int(np.linalg.norm(q - p) / (4 * pixel))) for p, q in ends])
-        uv = np.stack([uv @ along, uv @ down], 1)
-        flat = _grid(uv, o.grid * pixel, o.reach * pixel)
-        if len(flat) and _beside_stronger(planes, k, pixel, o):
-            flat = flat[cKDTree(uv).query(flat)[0] < o.reach * pixel]
-        points = flat[:, :1] * along + flat[:, 1:] * down - plane[3] * plane[:3]
-        if tree is not None and len(points):
-            points = points[~_contradicted(points, plane, tree, pixel, o)]
-        found.append(points)
-        owner.append(np.full(len(points), k))
-    return np.concatenate(found), np.concatenate(owner)
-
-
-def _beside_stronger(planes: LinePlanes, number: int, pixel: float, o: PlaneOptions) -> bool:
-    """Tell whether a stronger parallel plane lies just beside a plane."""
-    plane = planes.planes[number]
-    cosine = planes.planes[:, :3] @ plane[:3]
-    beside = np.abs(planes.planes[:, 3] * np.sign(cosine) - plane[3]) < o.layer * pixel
-    return bool((beside & (np.abs(cosine) > o.layer_cosine) & (planes.strength > planes.strength[number])).any())
-
-
-def _contradicted(
-    points: NDArray[np.float64], plane: NDArray[np.float64], tree: cKDTree, pixel: float, o: PlaneOptions
-) -> NDArray[np.bool_]:
-    """Tell around which points [N, 3] of a plane the tree's stereo points lie beside it, bool [N].
-
-    A plane through lines on a vault is a chord of it.
-    """
-    result = np.zeros(len(points), bool)
-    for n, near in enumerate(tree.query_ball_point(points, o.contradiction_radius * pixel)):
-        if len(near) >= o.contradiction_points:
-            distance = np.abs(tree.data[near] @ plane[:3] + plane[3])
-            result[n] = np.median(distance) > o.contradiction_distance * pixel
-    return result
-
-
-def _axes(normal: NDArray[np.float64], towards: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two orthogonal unit vectors [3] of a plane, the first along ``towards`` [3]."""
-    along = towards - (towards @ normal) * normal
-    along = along / np.linalg.norm(along)
-    return along, np.cross(normal, along)
-
-
-def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.float64]:
-    """Return points [N, 2] of a grid over the convex hull of ``uv`` [M, 2], grown by ``reach``."""
-    low, high = uv.min(0) - reach, uv.max(0) + reach
-    axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
-    try:
-        hull = ConvexHull(uv)
-    except QhullError:  # all lines on one
-        return np.zeros((0, 2))
-    return np.asarray(grid[(grid @ hull.equations[:, :2].T + hull.equations[:, 2]).max(1) < reach])
-
-
-def crease_points(
-    planes: LinePlanes, points: NDArray[np.float64], owner: NDArray[np.int64], pixel: float, o: PlaneOptions
-) -> NDArray[np.float64]:
-    """Place points every ``o.crease`` px where two planes meet and both have points of their own near by.
-
-    Args:
-        planes: that meet.
-        points: on the planes, [N, 3].
-        owner: plane of each point, [N].
-        pixel: size of a pixel at the building.
-        o: distances in pixels.
-
-    Returns:
-        points [M, 3].
-    """
-    if not len(points):
-        return np.zeros((0, 3))
-    step, reach = o.crease * pixel, o.crease_reach * o.grid * pixel
-    trees = [cKDTree(points[owner == k]) if (owner == k).any() else None for k in range(len(planes.planes))]
-    low, high, found = points.min(0) - reach, points.max(0) + reach, [np.zeros((0, 3))]
-    span = np.arange(-0.5, 0.5, step / np.linalg.norm(high - low)) * np.linalg.norm(high - low)
-    for i, first in enumerate(planes.planes):
-        for j in range(i):
-            second, one, other = planes.planes[j], trees[i], trees[j]
-            d = np.cross(first[:3], second[:3])
-            if np.linalg.norm(d) < o.crease_sine or one is None or other is None:
-                continue
-            d = d / np.linalg.norm(d)
-            rows = np.stack([first[:3], second[:3], d])
-            at = np.linalg.solve(rows, np.r_[-first[3], -second[3], d @ (low + high) / 2]) + span[:, None] * d
-            at = at[((at > low) & (at < high)).all(1)]
-            if len(at):
-                found.append(at[(one.query(at)[0] < reach) & (other.query(at)[0] < reach)])
-    return np.concatenate(found)

@@ -21,8 +21,8 @@ from benchmarks.surface_charts import (
     surface_figures,
     surface_tables,
 )
-from mgf_engine.config import PRESETS
 from mgf_engine.errors import BadInput
+from mgf_engine.presets import PRESETS
 
 
 def row(

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import shapely
 
-from benchmarks.town import FOOTPRINT_ERROR, HOUSES, ORIGIN, make_town, moved, parts_of
+from benchmarks.town import FOOTPRINT_ERROR, ORIGIN, make_town
+from benchmarks.town_houses import HOUSES, moved, parts_of
 from benchmarks.town_scores import make_clicks
 from mgf_engine.georef.gps import read_place
 from mgf_engine.scene.colmap import read_model

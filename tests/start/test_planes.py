@@ -8,14 +8,8 @@ import numpy as np
 from mgf_engine.start import reference
 from mgf_engine.start.lines import Line, line_points
 from mgf_engine.start.options import PlaneOptions, SegmentOptions
-from mgf_engine.start.planes import (
-    LinePlanes,
-    crease_points,
-    dominant_directions,
-    find_planes,
-    plane_points,
-    snap_to_planes,
-)
+from mgf_engine.start.plane_points import crease_points, plane_points
+from mgf_engine.start.planes import LinePlanes, dominant_directions, find_planes, snap_to_planes
 
 PIXEL = 0.01
 
