@@ -3,17 +3,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from mgf_engine import memory
-from mgf_engine.errors import BadInput, Cancelled
+from mgf_engine.errors import BadInput
 from mgf_engine.geometry import delaunay as module
 from mgf_engine.geometry import tetgen
-from mgf_engine.geometry.delaunay import begun, delaunay
+from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.geometry.reference_delaunay import reference_delaunay
 from mgf_engine.native import library
 
@@ -87,8 +85,6 @@ def test_tetrahedra_fill_the_hull() -> None:
 def test_flat_points_are_refused(points: np.ndarray) -> None:
     with pytest.raises(BadInput, match="no surface"):
         delaunay(points)
-    with pytest.raises(BadInput, match="no surface"), begun(points):
-        pass
 
 
 def test_points_that_rounding_makes_flat_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,45 +147,6 @@ def test_a_far_origin_costs_nothing_but_rounding() -> None:
     points = 0.01 * grid(6, 6, 6) + 3e5
     volume = volumes(points - points.mean(0), delaunay(points))
     assert np.isclose(volume.sum(), np.prod(np.ptp(points, axis=0)), rtol=1e-6) and (volume > -1e-12).all()
-
-
-def test_work_that_was_begun_gives_the_same() -> None:
-    with begun(random_points()) as made:
-        assert np.array_equal(made(nothing), delaunay(random_points()))
-
-
-def test_cancelling_stops_the_work() -> None:
-    def check() -> None:
-        raise Cancelled("enough")
-
-    with pytest.raises(Cancelled), begun(random_points(300_000)) as made:  # seconds of work
-        made(check)
-    assert not any(thread.name.startswith("mgf-delaunay") for thread in threading.enumerate())
-
-
-def test_what_does_not_fit_below_the_users_limit_is_refused() -> None:
-    memory.allow(1e6, strict=True)
-    words = r"tetrahedra of 500 points need about 0.0 GB .* lower max_gaussians or resolution, or allow more"
-    try:
-        with begun(random_points(500)) as made, pytest.raises(BadInput, match=words):
-            made(nothing)
-    finally:
-        memory.allow(0.0)
-
-
-@pytest.mark.parametrize("short", [False, True])
-def test_where_memory_is_short_the_work_begins_when_it_is_asked_for(
-    short: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    began, made_by_kernel = threading.Event(), module._made
-    monkeypatch.setattr(module, "_made", lambda *given: (began.set(), made_by_kernel(*given))[1])
-    memory.allow(1.0 if short else 1e12)
-    try:
-        with begun(random_points(500)) as made:
-            assert began.wait(0.2 if short else 10) != short
-            assert np.array_equal(made(nothing), delaunay(random_points(500)))
-    finally:
-        memory.allow(0.0)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the peak")

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+"""How tetgen's process talks to the job, fails and ends."""
+
 import subprocess
 import sys
 from pathlib import Path
@@ -6,12 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine import memory
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.geometry import tetgen
-from mgf_engine.geometry.delaunay import scaled
 from mgf_engine.geometry.tetgen import begun
-from mgf_engine.subprocesses import RUNNING
 
 
 def nothing() -> None:
@@ -29,17 +28,6 @@ def worker(folder: Path, code: str) -> tuple[str, str]:
     return sys.executable, str(path)
 
 
-def test_the_process_makes_the_same_tetrahedra() -> None:
-    with begun(points(500)) as made:
-        assert np.array_equal(made(nothing), tetgen.tetrahedralize(scaled(points(500), points(500))))
-
-
-def test_flat_points_are_refused_before_a_process_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tetgen, "COMMAND", ("no such program",))
-    with pytest.raises(BadInput, match="no surface"), begun(points(50) * [1, 1, 0]):
-        pass
-
-
 @pytest.mark.parametrize(
     ("code", "sentence"),
     [("import sys; print('tetgen gave up.', file=sys.stderr); sys.exit(2)", "^tetgen gave up.$"),
@@ -49,16 +37,6 @@ def test_a_process_that_fails_says_why(tmp_path, monkeypatch, code, sentence) ->
     monkeypatch.setattr(tetgen, "COMMAND", worker(tmp_path, code))
     with begun(points(50)) as made, pytest.raises(BadInput, match=sentence):
         made(nothing)
-
-
-def test_cancelling_ends_the_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tetgen, "COMMAND", worker(tmp_path, "import time; time.sleep(3600)"))
-
-    def check() -> None:
-        raise Cancelled("enough")
-
-    with pytest.raises(Cancelled), begun(points(50)) as made:  # waits for the end of its process
-        made(check)
 
 
 def test_a_process_may_say_more_than_a_pipe_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,25 +81,3 @@ with tetgen.begun(np.random.default_rng(0).normal(size=(50, 3))) as made:
 """
     done = subprocess.run([sys.executable, "-c", job], capture_output=True, text=True, process_group=0)
     assert done.returncode == 3, done.stderr
-
-
-def test_what_does_not_fit_below_the_users_limit_is_refused() -> None:
-    memory.allow(1e6, strict=True)
-    words = r"tetrahedra of 500 points need about 0.0 GB .* lower max_gaussians or resolution, or allow more"
-    try:
-        with begun(points(500)) as made, pytest.raises(BadInput, match=words):
-            made(nothing)
-    finally:
-        memory.allow(0.0)
-
-
-@pytest.mark.parametrize("short", [False, True])
-def test_where_memory_is_short_the_process_begins_when_it_is_asked_for(short: bool) -> None:
-    memory.allow(1.0 if short else 1e12)
-    try:
-        with begun(points(500)) as made:
-            assert bool(RUNNING) != short
-            assert np.array_equal(made(nothing), tetgen.tetrahedralize(scaled(points(500), points(500))))
-        assert not RUNNING
-    finally:
-        memory.allow(0.0)
