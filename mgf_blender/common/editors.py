@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which editors the window shows: the photo beside or in place of the viewport, and the viewport framed on a scene."""
+"""Which editors the window shows: the photo beside or in place of the viewport."""
 
 from __future__ import annotations
 
 import bpy
-import numpy as np
 
 _TAB = "MGF"
 _MARGIN = 0.97  # share of the free space that a photo fills
@@ -64,7 +63,7 @@ def _settle() -> float | None:
     global _tries
     _tries -= 1
     for kind in list(_unsettled):
-        if all(_prepare(window, area) for window, area in _areas(kind)):
+        if all(_prepare(window, area) for window, area in areas_of(kind)):
             _unsettled.remove(kind)
     if _unsettled and _tries > 0:
         return 0.05
@@ -72,7 +71,7 @@ def _settle() -> float | None:
     return None
 
 
-def _areas(kind: str) -> list[tuple[bpy.types.Window, bpy.types.Area]]:
+def areas_of(kind: str) -> list[tuple[bpy.types.Window, bpy.types.Area]]:
     windows = [w for manager in bpy.data.window_managers for w in manager.windows]
     return [(w, a) for w in windows for a in w.screen.areas if a.type == kind]
 
@@ -96,7 +95,7 @@ def fit_photo(window: bpy.types.Window, area: bpy.types.Area) -> None:
     space = area.spaces.active
     if space.image is None or not all(space.image.size):
         return
-    covered = sidebar.width if _overlap() else 0
+    covered = sidebar.width if sidebars_overlap() else 0
     width, height = space.image.size
     zoom = _MARGIN * min((main.width - covered) / width, main.height / height)
     with bpy.context.temp_override(window=window, area=area, region=main):
@@ -108,61 +107,14 @@ def fit_photo(window: bpy.types.Window, area: bpy.types.Area) -> None:
 
 def fit_editors(image: bpy.types.Image) -> None:
     """Fit an image whose size changed into the editors that show it."""
-    for window, area in _areas("IMAGE_EDITOR"):
+    for window, area in areas_of("IMAGE_EDITOR"):
         if area.spaces.active.image == image:
             fit_photo(window, area)
 
 
-def _overlap() -> bool:
+def sidebars_overlap() -> bool:
     """Tell whether sidebars lie over the editors' content."""
     return bpy.context.preferences.system.use_region_overlap
-
-
-def frame_scene(context: bpy.types.Context, middle: np.ndarray, reach: float, texture: bool = False) -> None:
-    """Turn the window's viewports to an imported scene and let them draw its colours.
-
-    Args:
-        context: tells the window.
-        middle: [3], world.
-        reach: radius of what should be seen, world units.
-        texture: whether the colours are a texture's, not the vertices'.
-    """
-    for area in context.screen.areas if context.screen is not None else ():
-        if area.type != "VIEW_3D" or area.spaces.active.region_3d is None:
-            continue
-        space = area.spaces.active
-        space.region_3d.view_location = middle.tolist()
-        space.region_3d.view_distance = 2.6 * reach  # the sidebar lies over a quarter of the view
-        space.clip_start = min(space.clip_start, 1e-3 * reach)
-        space.clip_end = max(space.clip_end, 100.0 * reach)
-        space.shading.color_type = "TEXTURE" if texture else "VERTEX"
-        space.overlay.show_relationship_lines = False  # one dashed line per camera hides the scene
-        area.tag_redraw()
-
-
-def enter_camera(context: bpy.types.Context) -> None:
-    """Let the window's viewports look through the active camera."""
-    for area in context.screen.areas if context.screen is not None else ():
-        if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None:
-            area.spaces.active.region_3d.view_perspective = "CAMERA"
-
-
-def draw_texture(scene: bpy.types.Scene, on: bool) -> None:
-    """Let the viewports that show a scene draw textures in solid mode; or vertex colours again, where they did."""
-    for window, area in _areas("VIEW_3D"):
-        shading = area.spaces.active.shading
-        if window.scene == scene and (on or shading.color_type == "TEXTURE"):
-            shading.color_type = "TEXTURE" if on else "VERTEX"
-            area.tag_redraw()
-
-
-def follow_paint(scene: bpy.types.Scene, texture: bool) -> None:
-    """Bring the viewports that draw our colours in step with what a scene's mesh is painted with by now."""
-    for window, area in _areas("VIEW_3D"):
-        shading = area.spaces.active.shading
-        if window.scene == scene and shading.color_type in {"TEXTURE", "VERTEX"}:
-            shading.color_type = "TEXTURE" if texture else "VERTEX"
-            area.tag_redraw()
 
 
 def register() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import bpy
 
 _LETTERS = 46  # of a line where there is no window to measure
+_ICON = 20.0  # width of an icon, pixels at interface scale 1
 _MARGINS = {"UI": 98.0, "WINDOW": 290.0}  # of a sidebar, of the preferences; pixels at interface scale 1
 
 
@@ -50,7 +51,7 @@ def wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
 def draw_sentence(layout: bpy.types.UILayout, text: str, icon: str) -> None:
     """Draw a sentence on as many lines as it needs, the icon before the first."""
     column = layout.column(align=True)
-    for i, line in enumerate(wrapped(text, _fits_here())):
+    for i, line in enumerate(wrapped(text, _fits_here(icon=icon != "NONE"))):
         column.label(text=line, icon="BLANK1" if i and icon != "NONE" else icon, translate=False)
 
 
@@ -69,8 +70,9 @@ def draw_value(layout: bpy.types.UILayout, name: str, value: str, name_share: fl
         split.label(text=line, translate=False)
 
 
-def _fits_here(share: float = 1.0) -> Callable[[str], bool]:
-    """Return whether a text fits beside an icon in a box of the panel that is being drawn, or in a share of it."""
+def _fits_here(share: float = 1.0, icon: bool = True) -> Callable[[str], bool]:
+    """Return whether a text fits in a box of the panel that is being drawn, or in a share of it, beside an icon or
+    without."""
     context = bpy.context
     if context.region is None:  # no window
         return lambda text: len(text) <= share * _LETTERS
@@ -78,6 +80,6 @@ def _fits_here(share: float = 1.0) -> Callable[[str], bool]:
 
     scale, styles = context.preferences.system.ui_scale, context.preferences.ui_styles
     room = context.region.width - scale * _MARGINS.get(context.region.type, _MARGINS["UI"])
-    room *= share
+    room = share * (room + (0.0 if icon else scale * _ICON))
     blf.size(0, (styles[0].widget.points if styles else 11.0) * scale)
     return lambda text: blf.dimensions(0, text)[0] <= room

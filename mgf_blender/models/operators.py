@@ -3,11 +3,11 @@
 
 import bpy
 
-from ..common.editors import draw_texture
 from ..common.errors import UserError
 from ..common.job import Job
 from ..common.operators import Operator
 from ..common.text import tr
+from ..common.views import draw_texture
 from ..engine.environment import engine_command
 from ..properties import scene_key
 from ..reconstruct.operators import FinishedJobOperator, submit

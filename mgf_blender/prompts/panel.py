@@ -4,7 +4,7 @@
 import bpy
 
 from ..common import runner
-from ..common.job import STAGES
+from ..common.job import DONE, STAGES
 from ..common.panels import PhotoPanel
 from ..common.text import draw_sentence, tr
 from ..properties import key_of
@@ -82,12 +82,17 @@ class MGF_PT_prompts(PhotoPanel, bpy.types.Panel):
     def _draw_mask(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
         layout.separator()
-        row = layout.row(align=True)
-        row.operator("mgf.preview_mask", icon="IMAGE_ALPHA")
-        row.prop(state, "auto_preview", text="", icon="FILE_REFRESH")
         photo = active_photo(context.scene)
-        if photo is not None:
-            _draw_preview(layout, context.scene, photo)
+        found = preview.of(context.scene, photo.name) if photo is not None else None
+        row = layout.row(align=True)
+        if found is not None and found.status == preview.RUNNING:  # in the button's place: nothing moves meanwhile
+            row.label(text="Finding the building", icon="SORTTIME")
+            row.operator("mgf.cancel_preview", text="", icon="X")
+        else:
+            row.operator("mgf.preview_mask", icon="IMAGE_ALPHA")
+        row.prop(state, "auto_preview", text="", icon="FILE_REFRESH")
+        if found is not None:
+            _draw_preview(layout, context.scene, photo, found)
         row = layout.row(align=True)
         row.prop(state, "show_mask")
         sub = row.row(align=True)
@@ -131,7 +136,7 @@ def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     row.prop(scene.mgf, "suggest_at", text="")
     photos = suggest.proposed(scene)
     latest = [job for job in runner.jobs(key) if job.kind == suggest.KIND][-1:] if key else []
-    if latest and (latest[0].live or not photos):
+    if latest and latest[0].status != DONE:
         draw_job(layout, latest[0])
     if not photos:
         return
@@ -143,18 +148,17 @@ def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     row.operator("mgf.discard_suggestions", text="", icon="TRASH").every = True
 
 
-def _draw_preview(layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
-    """Show how the photo's preview is doing."""
-    found = preview.of(scene, photo.name)
-    if found is None:
-        return
-    if found.status == preview.RUNNING:
-        row = layout.row(align=True)
-        row.label(text="Finding the building", icon="SORTTIME")
-        row.operator("mgf.cancel_preview", text="", icon="X")
-    elif found.status == preview.FAILED:
+def _draw_preview(
+    layout: bpy.types.UILayout, scene: bpy.types.Scene, photo: bpy.types.PropertyGroup, found: preview.Preview
+) -> None:
+    """Say what is wrong with the photo's preview."""
+    if found.status == preview.FAILED:
         draw_sentence(layout, found.text, "ERROR")
-    elif found.clicks != preview.signature(photo) and not overlay.job_knows(scene, photo):
+    elif (
+        found.status == preview.DONE
+        and found.clicks != preview.signature(photo)
+        and not overlay.job_knows(scene, photo)
+    ):
         draw_sentence(layout, tr("The points have changed since this mask"), "INFO")
 
 

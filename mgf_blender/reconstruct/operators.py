@@ -17,7 +17,7 @@ from ..scene_import.crop import crop_text
 from ..scene_import.operators import bring_in, frame_tree
 from ..scene_import.tree import Tree
 from . import preview_image
-from .start import given_options, has_job_file, is_finished, job_folder, make_job
+from .start import broke_off, given_options, has_job_file, job_folder, make_job
 
 
 def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
@@ -230,7 +230,7 @@ def interrupted(scene: bpy.types.Scene) -> bool:
     """Tell whether the job folder holds a job that did not end and that nobody runs, for example after a crash."""
     if runner.live_job(key_of(scene)):
         return False
-    return has_job_file(scene, "job.json") and not is_finished(job_folder(scene))
+    return has_job_file(scene, "job.json") and broke_off(job_folder(scene))
 
 
 CLASSES = (

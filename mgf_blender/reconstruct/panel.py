@@ -26,6 +26,8 @@ _DONE = {
     "places": N_("Control points read in {time}"),
     "suggest": N_("Points proposed in {time}"),
 }
+#: In sentences of the engine that send people to the picture of all masks.
+CONTACT_SHEET_WORDS = "contact sheet"
 #: What is shown while a command runs that is no stage.
 _TOOLS = {
     "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
@@ -149,14 +151,20 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         row = box.row(align=True)
         row.progress(factor=job.overall, text=_headline(job), translate=False)
         row.operator("mgf.cancel_job", text="", icon="X")
-        draw_figures(box, dict(list(job.figures.items())[:6]))
     else:
         icon = {DONE: "CHECKMARK", FAILED: "ERROR", CANCELLED: "PAUSE"}.get(job.status, "INFO")
         draw_sentence(box, _outcome(job), icon)
-    for text in job.warnings[-3:]:
-        draw_sentence(box, in_panel_words(text), "INFO")
     if job.status == FAILED and job.text == tr(NO_ENGINE):
         layout.operator("mgf.show_preferences", icon="PREFERENCES")
+    _draw_buttons(box, job)  # above what comes and goes, or they would move under the pointer
+    if job.live:
+        draw_figures(box, dict(list(job.figures.items())[:6]))
+    for text in job.warnings[-3:]:
+        draw_sentence(box, in_panel_words(text), "INFO")
+
+
+def _draw_buttons(layout: bpy.types.UILayout, job: Job) -> None:
+    """Draw the ways to what a job shows: its latest picture, its masks, its log, its report."""
     row = layout.row(align=True)
     if job.live and job.preview:
         text = N_("Show Render") if job.preview_stage == "field" else N_("Show Masks")
@@ -165,6 +173,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         _draw_file_button(row, job.folder, "log.txt", N_("Open Log"), "TEXT")
     if job.status == DONE and job.kind == "reconstruct":
         _draw_file_button(row, job.folder, "report.html", N_("Open Report"), "URL")
+    if job.status == DONE and job.kind in {"reconstruct", "masks"} and CONTACT_SHEET_WORDS in " ".join(job.warnings):
+        _draw_file_button(layout, job.folder, "masks/contact_sheet.jpg", N_("Open Contact Sheet"), "IMAGE_DATA")
 
 
 def _draw_file_button(layout: bpy.types.UILayout, folder: Path, name: str, text: str, icon: str) -> None:

@@ -122,10 +122,15 @@ def given_options(folder: Path) -> dict[str, object]:
     return _job_record(folder, "given")
 
 
-def is_finished(folder: Path) -> bool:
-    """Tell whether the last run in this folder came to its end; results of a run before it may be there
-    nevertheless."""
-    return [*options.STAGES][-1] in _job_record(folder, "stages")
+def broke_off(folder: Path) -> bool:
+    """Tell whether the last run in this folder ended within a stage; results of a run before it may be there
+    nevertheless.
+
+    A run that was to end earlier, as Suggest and Find Masks are, leaves the stages after its own unbegun.
+    """
+    done = _job_record(folder, "stages")
+    following = next((stage for stage in options.STAGES if stage not in done), None)
+    return following is not None and (folder / f".started-{following}").exists()
 
 
 def _job_record(folder: Path, name: str) -> dict[str, object]:

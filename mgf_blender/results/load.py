@@ -11,12 +11,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..common.editors import draw_texture
 from ..common.errors import UserError
 from ..common.materials import vertex_color_material
 from ..common.meshes import MeshData, make_mesh, prepare_mesh
 from ..common.ply import read_ply
 from ..common.textures import texture_material
+from ..common.views import draw_texture
 from ..scene_import.cameras import (
     DISTORTED_KEY,
     PHOTO_KEY,

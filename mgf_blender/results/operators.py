@@ -7,11 +7,11 @@ from pathlib import Path
 
 import bpy
 
-from ..common.editors import draw_texture, enter_camera, follow_paint
 from ..common.errors import UserError
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
+from ..common.views import draw_texture, enter_camera, follow_paint
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.operators import frame_object, select_only

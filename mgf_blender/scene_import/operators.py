@@ -6,10 +6,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..common.editors import enter_camera, frame_scene
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
+from ..common.views import enter_camera, frame_scene, side_of_cameras
 from ..prompts.roots import choose_roots
 from ..results.surface import paints_texture
 from ..results.view_mode import follow
@@ -33,7 +33,7 @@ class MGF_OT_import_colmap(FileOperator):
     """Import cameras with their photos and the sparse points of a COLMAP model"""
 
     bl_idname = "mgf.import_colmap"
-    bl_label = "Import COLMAP Scene"
+    bl_label = "Import COLMAP"  # the File Browser cuts longer ones off
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
@@ -212,7 +212,15 @@ def frame_tree(context: bpy.types.Context, tree: Tree) -> None:
         middle = np.median(flat.reshape(-1, 3), axis=0)
     matrix = np.array(root.matrix_basis)
     middle = matrix[:3, :3] @ middle + matrix[:3, 3]
-    frame_scene(context, middle, tree.radius * root.matrix_basis.median_scale, paints_texture(tree))
+    side = side_of_cameras(middle, _centres(tree))
+    frame_scene(context, middle, tree.radius * root.matrix_basis.median_scale, paints_texture(tree), side)
+
+
+def _centres(tree: Tree) -> np.ndarray:
+    """Return where the cameras are, [N, 3], world."""
+    root = np.array(tree.root.matrix_basis)
+    places = np.array([np.array(o.matrix_basis)[:3, 3] for o in tree.objects("Cameras")]).reshape(-1, 3)
+    return places @ root[:3, :3].T + root[:3, 3]
 
 
 def frame_object(context: bpy.types.Context, obj: bpy.types.Object, tree: Tree) -> None:
@@ -222,7 +230,9 @@ def frame_object(context: bpy.types.Context, obj: bpy.types.Object, tree: Tree) 
     matrix = np.array(tree.root.matrix_basis @ obj.matrix_parent_inverse @ obj.matrix_basis)
     corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
     low, high = corners.min(axis=0), corners.max(axis=0)
-    frame_scene(context, (low + high) / 2, float(np.linalg.norm(high - low)) / 2, paints_texture(tree))
+    middle = (low + high) / 2
+    side = side_of_cameras(middle, _centres(tree))
+    frame_scene(context, middle, float(np.linalg.norm(high - low)) / 2, paints_texture(tree), side)
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:

@@ -42,7 +42,7 @@ def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """Draw an empty scene: the ways in, and what stands in the way of a reconstruction."""
     column = layout.column()
     column.scale_y = 1.4
-    column.operator("mgf.import_colmap", icon="OUTLINER_OB_CAMERA")
+    column.operator("mgf.import_colmap", text="Import COLMAP Scene", icon="OUTLINER_OB_CAMERA")
     column.operator("mgf.import_photos", icon="FILE_IMAGE")
     column.operator("mgf.import_result", icon="IMPORT")
     draw_waiting(layout, scene)

@@ -7,6 +7,7 @@ from mathutils import Matrix, Vector
 
 from ..common.errors import UserError
 from ..common.text import tr
+from ..common.views import scale_views
 from .cameras import set_clipping
 from .frame import rotation_to_z, up_direction
 from .operators import SceneOperator
@@ -21,8 +22,9 @@ class MGF_OT_set_scale(SceneOperator):
     bl_options = {"REGISTER", "UNDO"}
 
     distance: bpy.props.FloatProperty(
-        name="Distance", description="True distance between the two points", default=1.0, min=1e-6, subtype="DISTANCE"
-    )
+        name="Distance", description="True distance between the two points", default=1.0, min=1e-6, subtype="DISTANCE",
+        precision=4,
+    )  # fmt: skip
     measured: bpy.props.FloatProperty(options={"HIDDEN", "SKIP_SAVE"}, description="Distance before", precision=4)
 
     @classmethod
@@ -41,6 +43,7 @@ class MGF_OT_set_scale(SceneOperator):
     def draw(self, context: bpy.types.Context) -> None:
         self.layout.label(text=tr("Distance now: {measured:.6g}", measured=self.measured), translate=False)
         self.layout.prop(self, "distance")
+        self.layout.label(text="Drawings and models get true lengths from Georeference", icon="INFO")
 
     def run(self, context: bpy.types.Context) -> None:
         self.measured = measured = _distance(context)
@@ -49,6 +52,7 @@ class MGF_OT_set_scale(SceneOperator):
         tree, factor = Tree.find(context.scene), self.distance / measured
         root = tree.root
         root.matrix_basis = Matrix.Scale(factor, 4) @ root.matrix_basis
+        scale_views(context, factor)
         for obj in tree.objects("Cameras"):
             set_clipping(obj.data, tree)
         self.report({"INFO"}, tr("{measured:.6g} measured, scaled by {factor:.6g}", measured=measured, factor=factor))

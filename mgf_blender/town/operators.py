@@ -6,10 +6,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..common.editors import frame_scene
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
+from ..common.views import frame_scene
 from .files import read_town
 from .load import BUILDING_KEY, JOB_KEY, LIGHT_KEY, find_town, import_steps, objects_of, show_full, show_light
 

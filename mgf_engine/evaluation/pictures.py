@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ from mgf_engine.scene.gravity import up_from_cameras
 
 #: Absolute colour error (0..1, mean of the channels) that is drawn in the brightest colour.
 ERROR_LIMIT = 0.25
+_FILLED = 0.94  # share of a picture's width or height that the mesh may take
 _BUILDING_TINT = (255, 170, 40)
 _UNKNOWN_TINT = (200, 60, 220)
 
@@ -109,7 +112,19 @@ def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int])
     side = towards - up * (towards @ up)
     if np.linalg.norm(side) < 1e-3 * radius:  # photographed from all around: any side may come first
         side = scene.views[0].centre - centre
-    return circle_views(mesh, up, side, count, size)
+    return _filling(circle_views(mesh, up, side, count, size), mesh)
+
+
+def _filling(views: list[View], mesh: Mesh) -> list[View]:
+    """Enlarge the pictures, all alike, until the mesh fills them: a long facade is small in the ball around it."""
+    low, high = _box(mesh)
+    inside = mesh.vertices[((mesh.vertices >= low) & (mesh.vertices <= high)).all(1)]
+    reach = max(
+        float((abs(view.project(inside)[0] - (view.cx, view.cy)) / (view.width / 2, view.height / 2)).max())
+        for view in views
+    )
+    factor = _FILLED / max(reach, 1e-6)
+    return [replace(view, fx=factor * view.fx, fy=factor * view.fy) for view in views]
 
 
 def circle_views(
@@ -135,12 +150,17 @@ def circle_views(
 
 
 def _ball(mesh: Mesh) -> tuple[NDArray[np.float64], float]:
-    """Return the centre [3] and radius of a ball around the mesh, spires of few vertices in it, and what is far off
-    not."""
+    """Return the centre [3] and radius of a ball around :func:`_box`."""
+    low, high = _box(mesh)
+    return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+
+
+def _box(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of a box around the mesh, spires of few vertices in it, and what is far off not."""
     low, high = np.percentile(mesh.vertices, [1, 99], axis=0)
     slack = 0.3 * (high - low)
     low, high = np.maximum(mesh.vertices.min(0), low - slack), np.minimum(mesh.vertices.max(0), high + slack)
-    return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-6)
+    return low, high
 
 
 def _looking_at(

@@ -190,6 +190,8 @@ def _render(data: ReportData) -> str:
         turntable=[embed(p) for p in data.turntable],
         relief=[embed(p) for p in data.relief],
         contact_sheet=embed(data.contact_sheet, _CONTACT_SIDE) if data.contact_sheet else "",
+        captions={caption for v in shown for caption in v.pictures},
+        trained=data.iterations > 0,
         curve=curve_svg(data.curve) if data.curve_drawing is None else data.curve_drawing,
         error_limit=round(255 * ERROR_LIMIT), how_to_get_lpips=how_to_get(),
     )  # fmt: skip

@@ -83,8 +83,10 @@ def report_job(
     scene, masks, field, mesh = results.scene, results.masks, results.field, results.mesh
     shown, lpips = _shown_views(scene, masks), find_lpips(Path(job.config.weights) if job.config.weights else None)
 
+    sh_degree = job.config.sh_degree if job.stages["field"]["figures"]["iterations"] else None
+
     def one(index: int) -> ViewReport:
-        return _view_report(index, results, job.config.sh_degree, index in shown, lpips)
+        return _view_report(index, results, sh_degree, index in shown, lpips)
 
     views: list[ViewReport] = []
     each = _BYTES_PER_PIXEL * most_pixels(scene.views)
@@ -146,9 +148,17 @@ def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:
 
 
 def _view_report(
-    index: int, results: JobResults, sh_degree: int, shown: bool, lpips: Lpips | None = None
+    index: int, results: JobResults, sh_degree: int | None, shown: bool, lpips: Lpips | None = None
 ) -> ViewReport:
-    """Score and draw a held-out or shown view; others only appear in the table, with a note when left out."""
+    """Score and draw a held-out or shown view; others only appear in the table, with a note when left out.
+
+    Args:
+        index: of the view.
+        results: of the job's stages.
+        sh_degree: of the field; None for one that nothing was trained in, which shows nothing worth a look.
+        shown: whether the view gets pictures.
+        lpips: the network, if there is one.
+    """
     scene, masks = results.scene, results.masks
     view = scene.views[index]
     note = "" if masks.used[index] else "mask too weak, not used"
@@ -156,20 +166,18 @@ def _view_report(
     if not shown:
         return report
     photo, mask = scene.photo(index), building(masks.labels[index])
-    rendering = render_view(results.field, view, sh_degree)
-    render = _to_picture(rendering.color.numpy())
-    if masks.used[index]:
-        report.scores = score(photo, render, mask, lpips)
-    assert rendering.normal is not None
-    normals = rendering.normal.permute(1, 2, 0).numpy()
-    pictures = {
-        "photo": photo,
-        "mask": mask_overlay(photo, masks.labels[index]),
-        "render": on_white(render, mask),
-        "normals": normal_picture(normals, rendering.alpha.numpy()),
-        "mesh": shaded(results.mesh, view, from_side=True),
-        "error": error_picture(photo, render, mask),
-    }
+    pictures = {"photo": photo, "mask": mask_overlay(photo, masks.labels[index])}
+    if sh_degree is not None:
+        rendering = render_view(results.field, view, sh_degree)
+        render = _to_picture(rendering.color.numpy())
+        if masks.used[index]:
+            report.scores = score(photo, render, mask, lpips)
+        assert rendering.normal is not None
+        normals = rendering.normal.permute(1, 2, 0).numpy()
+        pictures["render"] = on_white(render, mask)
+        pictures["normals"] = normal_picture(normals, rendering.alpha.numpy())
+        pictures["error"] = error_picture(photo, render, mask)
+    pictures["mesh"] = shaded(results.mesh, view, from_side=True)
     # Of a thousand photos a hundred are kept out: in full size these would take gigabytes until the page is written.
     report.pictures = {caption: shrunk(picture) for caption, picture in pictures.items()}
     return report

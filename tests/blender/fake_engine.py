@@ -197,6 +197,7 @@ def main() -> int:
     send("warning", text="Two photos are blurred; they count less.")
     for i, stage in enumerate(STAGES):
         send("stage", stage=stage, index=i, count=5, cached=mode == "cached")
+        (job / f".started-{stage}").touch()
         for step in range(5):
             if mode == "noise":
                 print('{"type": 5}\n{broken\n\x00\xff', flush=True)

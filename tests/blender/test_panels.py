@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 import venv
+from pathlib import Path
 
 import bpy
 import pytest
@@ -160,6 +161,32 @@ def test_the_button_says_which_picture_there_is(addon, engine, house):
     for stage, words in (("masks", "Show Masks"), ("field", "Show Render")):
         job._apply({"type": "preview", "stage": stage, "path": "a.jpg", "title": ""})
         assert words in draw(MGF_PT_reconstruct).said
+
+
+def test_weak_masks_can_be_looked_at_after_the_job(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    bpy.ops.mgf.reconstruct()
+    sheet = Path(addon.job_folder) / "masks" / "contact_sheet.jpg"
+    sheet.parent.mkdir(exist_ok=True)
+    sheet.write_bytes(b"x")
+    job = runner.jobs(addon.key)[-1]
+    assert "Contact Sheet" not in draw(MGF_PT_reconstruct).said
+    job.warnings.append("2 of 12 masks are weak and left out (a.jpg); look at the contact sheet.")
+    drawn = draw(MGF_PT_reconstruct)
+    assert "Open Contact Sheet" in drawn.said
+    assert "masks/contact_sheet.jpg" in [getattr(given, "name", "") for _, given, _ in drawn.operators]
+
+
+def test_buttons_stand_above_what_comes_and_goes(addon, engine, house):
+    """A warning that arrives, or a figure, moves no button under the pointer."""
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    bpy.ops.mgf.reconstruct()
+    said = draw(MGF_PT_reconstruct).said
+    assert said.index("Mesh finished") < said.index("Open Log") < said.index("Two photos are blurred")
 
 
 def test_resume_is_offered_where_a_second_run_in_the_folder_failed(addon, engine, house):

@@ -103,11 +103,21 @@ def test_the_whole_mesh_is_in_every_picture_upright(centres: np.ndarray) -> None
         assert np.allclose(view.rotation @ view.rotation.T, np.eye(3)) and np.linalg.det(view.rotation) > 0
         uv, depth = view.project(mesh.vertices)
         assert (depth > 0).all() and (uv >= 0).all() and (uv <= (160, 120)).all()
-        assert np.ptp(uv, axis=0).max() > 50  # and it fills a good part of the frame
+        assert np.ptp(uv, axis=0).max() > 80  # and it fills a good part of the frame
         top, bottom = uv[mesh.vertices[:, 1] < -0.99].mean(0), uv[mesh.vertices[:, 1] > 0.99].mean(0)
         assert top[1] < bottom[1]
     spots = np.array([view.centre for view in views])
     assert np.linalg.norm(spots - np.roll(spots, 1, 0), axis=1).min() > 0.5
+
+
+def test_a_long_facade_fills_the_pictures() -> None:
+    slab = trimesh.creation.box((8.0, 2.0, 0.3)).subdivide().subdivide().subdivide()
+    mesh = Mesh(
+        np.asarray(slab.vertices), np.asarray(slab.faces, np.int32), np.zeros((len(slab.vertices), 3), np.uint8)
+    )
+    views = turntable_views(mesh, scene_of(np.array([[0.0, 0, -5]])), 8, (160, 120))
+    reach = [np.ptp(view.project(mesh.vertices)[0], axis=0) / (160, 120) for view in views]
+    assert 0.85 < np.max(reach) < 1 and len({view.fx for view in views}) == 1
 
 
 def test_a_spire_of_few_vertices_is_in_the_picture_and_a_splinter_far_off_is_not() -> None:

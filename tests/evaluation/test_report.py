@@ -104,6 +104,19 @@ def test_page(data: ReportData, tmp_path: Path) -> None:
         assert name in page.text
 
 
+def test_a_warning_about_masks_leads_to_them(data: ReportData, tmp_path: Path) -> None:
+    data.warnings = ["2 of 4 masks are weak and left out (a.jpg); look at the contact sheet."]
+    assert 'href="#masks"' in write_report(tmp_path, data)[1].read_text(encoding="utf-8")
+    data.contact_sheet = None
+    assert 'href="#masks"' not in write_report(tmp_path, data)[1].read_text(encoding="utf-8")
+
+
+def test_what_was_not_trained_is_no_training_view(data: ReportData, tmp_path: Path) -> None:
+    assert 'class="badge">training view' in write_report(tmp_path, data)[1].read_text(encoding="utf-8")
+    data.iterations = 0
+    assert 'class="badge">training view' not in write_report(tmp_path, data)[1].read_text(encoding="utf-8")
+
+
 def test_page_needs_no_network(data: ReportData, tmp_path: Path) -> None:
     html = write_report(tmp_path, data)[1].read_text(encoding="utf-8")
     for source in Page(html).sources:
@@ -213,3 +226,12 @@ def test_pictures_wait_for_the_page_in_the_size_it_shows(monkeypatch) -> None:
     assert len(report.pictures) == 7
     for caption, picture in report.pictures.items():
         assert picture.shape == (360, 640, 3), caption
+
+
+def test_a_field_that_was_not_trained_is_not_shown(monkeypatch) -> None:
+    rgb = np.zeros((30, 40, 3), np.uint8)
+    scene = SimpleNamespace(views=[SimpleNamespace(name="a.jpg")], held_out=(0,), photo=lambda index: rgb)
+    masks = SimpleNamespace(labels=[np.ones((30, 40), np.uint8)], used=np.array([True]))
+    monkeypatch.setattr(job_report, "shaded", lambda *given, **how: rgb)
+    report = job_report._view_report(0, job_report.JobResults(scene, masks, None, None), None, True)
+    assert [*report.pictures] == ["photo", "mask", "mesh"] and report.scores is None

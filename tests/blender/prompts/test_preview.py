@@ -8,9 +8,11 @@ import time
 import bpy
 import numpy as np
 import pytest
+from layouts import draw
 
 from mgf_blender.common import runner
 from mgf_blender.prompts import files, overlay, preview
+from mgf_blender.prompts.panel import MGF_PT_prompts
 from mgf_blender.reconstruct.start import make_job
 
 
@@ -53,6 +55,22 @@ def test_it_does_not_wait_for_a_job_nor_hold_the_window(state, engine):
     found = preview.start(bpy.context.scene, state.photos[0])
     assert pump(lambda: found.status == preview.DONE) > 3  # the preview takes half a second, and none of them waits
     assert job.status == "RUNNING" and found.seconds > 0.4
+
+
+def test_the_panel_keeps_its_height_meanwhile(state, engine):
+    def rows():
+        drawn = draw(MGF_PT_prompts)
+        return [text for text, _ in drawn.texts], [name for name, *_ in drawn.operators]
+
+    texts, operators = rows()
+    assert "Preview Mask" in texts and "mgf.cancel_preview" not in operators
+    engine("slow")
+    found = preview.start(bpy.context.scene, state.photos[0])
+    running, its = rows()
+    assert running == [text.replace("Preview Mask", "Finding the building") for text in texts]
+    assert "mgf.cancel_preview" in its and "mgf.preview_mask" not in its
+    pump(lambda: found.status == preview.DONE)
+    assert rows() == (texts, operators)
 
 
 def test_the_newest_request_wins(state, engine):

@@ -12,6 +12,7 @@ import pytest
 from layouts import draw
 
 from mgf_blender.prompts import files, preview
+from mgf_blender.prompts.drawing import ring_triangles
 from mgf_blender.prompts.panel import MGF_PT_prompts
 from mgf_blender.prompts.suggest import proposed
 from mgf_blender.prompts.tool import nearest
@@ -55,8 +56,21 @@ def test_proposed_points_do_not_count_until_they_are_accepted(state, house, phot
     assert preview.signature(scene.mgf.photos[photos[0]]) != before
     assert bpy.ops.mgf.accept_suggestions() == {"FINISHED"}
     assert files.to_data(scene) == dict.fromkeys(photos, CLICKS) and proposed(scene) == []
+    assert "Points proposed in" not in draw(MGF_PT_prompts).said  # nor the warnings of that run
     with pytest.raises(RuntimeError, match="No points are proposed"):
         bpy.ops.mgf.accept_suggestions()
+
+
+def test_a_proposed_point_is_a_ring_through_which_the_photo_shows():
+    """A disc and a ring of one size could hardly be told apart."""
+    corners, triangles = map(np.array, ring_triangles(50.0, 40.0, 7.0, 11.0))
+    distance = np.linalg.norm(corners - (50.0, 40.0), axis=1)
+    assert distance.min() == pytest.approx(7) and distance.max() == pytest.approx(11)
+    edges = corners[triangles]
+    one, other = edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]
+    area = abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum() / 2
+    assert area == pytest.approx(np.pi * (11**2 - 7**2), rel=0.03)
+    assert len(ring_triangles(0.0, 0.0, 0.0, 5.0)[0]) == len(corners)
 
 
 def test_points_by_hand_win_and_the_rest_can_be_thrown_away(state, photos):

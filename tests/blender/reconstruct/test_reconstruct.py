@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 import pytest
 import synthetic
+from layouts import draw
 
 from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
@@ -19,6 +20,7 @@ from mgf_blender.common.job import CANCELLED, DONE, FAILED, Job
 from mgf_blender.properties import scene_key, scene_of
 from mgf_blender.reconstruct import preview_image, start
 from mgf_blender.reconstruct.operators import interrupted, last_job
+from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
 from mgf_blender.scene_import.tree import Tree
@@ -283,6 +285,19 @@ def test_quit_and_reopen_finds_a_second_run_that_was_interrupted(ready, engine, 
     assert Path(ready.job_folder, "deliver.json").is_file() and not interrupted(bpy.context.scene)
     quit_during("masks", engine, tmp_path)
     assert interrupted(bpy.context.scene)
+
+
+def test_what_was_to_end_after_an_early_stage_was_not_interrupted(ready):
+    """Suggest and Import Photos stop after the scene stage, Find Masks after the masks."""
+    job = Path(ready.job_folder)
+    job.mkdir()
+    record = {"source": ready.source, "given": {}, "stages": {"scene": {}, "masks": {}}}
+    (job / "job.json").write_text(json.dumps(record))
+    for name in ("scene", "masks"):
+        (job / f".started-{name}").touch()
+    assert not interrupted(bpy.context.scene) and "interrupted" not in draw(MGF_PT_reconstruct).said
+    (job / ".started-field").touch()
+    assert interrupted(bpy.context.scene) and "interrupted" in draw(MGF_PT_reconstruct).said
 
 
 def test_resume_goes_on_with_the_options_of_the_job(ready, engine):

@@ -11,8 +11,10 @@ import pytest
 import synthetic
 from mathutils import Matrix, Vector
 
+from mgf_blender.common.views import side_of_cameras
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.crop import crop_text, find_crop_box
+from mgf_blender.scene_import.operators import frame_tree
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -205,6 +207,35 @@ def test_import_frames_the_viewports(tree):
     for space in spaces:
         assert space.region_3d.view_distance == pytest.approx(2.6 * tree.radius, rel=1e-4)
         assert not space.overlay.show_relationship_lines and space.shading.color_type == "VERTEX"
+
+
+def test_a_facade_is_seen_from_where_it_was_photographed():
+    fan = np.array([[x, -9.0, 1.0] for x in (-5.0, -2.0, 0.0, 2.0, 5.0)])
+    side = side_of_cameras(np.array([0.0, 1.0, 2.0]), fan)
+    assert side[1] < -0.9 and 0.2 < side[2] < 0.5 and abs(side[0]) < 1e-6 and np.linalg.norm(side) == pytest.approx(1)
+    ring = np.array([[np.cos(t), np.sin(t), 0.3] for t in np.linspace(0, 2 * np.pi, 12, endpoint=False)])
+    assert side_of_cameras(np.zeros(3), ring) is None and side_of_cameras(np.zeros(3), np.zeros((0, 3))) is None
+
+
+def test_the_viewports_look_from_the_cameras_side(addon, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    tree = Tree.find(bpy.context.scene)
+    for camera in tree.objects("Cameras"):  # all of them on one side
+        camera.matrix_basis.translation = tree.root.matrix_basis.inverted() @ Vector((0.0, -9.0, 1.0))
+    frame_tree(bpy.context, tree)
+    space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
+    seen_from = space.region_3d.view_rotation @ Vector((0, 0, 1))
+    assert seen_from.y < -0.8 and seen_from.z > 0.2
+    up = space.region_3d.view_rotation @ Vector((0, 1, 0))
+    assert up.z > 0.8
+
+
+def test_scaling_keeps_the_picture(tree):
+    space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
+    before, place = space.region_3d.view_distance, space.region_3d.view_location.copy()
+    test_scale_by_two_points(tree)
+    assert space.region_3d.view_distance == pytest.approx(3 * before, rel=1e-4)
+    assert (space.region_3d.view_location - 3 * place).length < 1e-4
 
 
 def test_deleted_scene_leaves_no_empty_collections(tree, house):

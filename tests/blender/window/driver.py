@@ -245,7 +245,7 @@ class Window:
     def image_point(self, u: float, v: float) -> tuple[float, float]:
         """Where the share (u, v) of the shown image is on the screen."""
         x0, y0, x1, y1 = self.state()["image_px"]
-        return x0 + u * (x1 - x0), HEIGHT - (y0 + v * (y1 - y0))
+        return x0 + u * (x1 - x0), HEIGHT - 1 - (y0 + v * (y1 - y0))
 
     def close(self) -> None:
         """End Blender and the screen."""

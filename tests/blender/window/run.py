@@ -27,8 +27,9 @@ from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
 IMPORT, CROP, MARK = 50, 71, 195
-RECONSTRUCT, RESUME, RESULTS = 500, 558, 630  # with a photo marked; the last with a finished job
-SHOW_RENDER = 569  # while training
+RECONSTRUCT, RESUME = 500, 558  # with a photo marked
+SHOW_RENDER = 493  # while training
+SCENE_HEADER, RESULTS_HEADER = 16, 214  # the second while only the panel Scene is open
 PAINT, SHOW, ROW = 203, 272, 23  # in the Results panel, the other panels closed
 POINTS, NEXT_PHOTO, PREVIEW = 51, 81, 346
 #: First icon in a File Browser in place of the Properties editor, and the distance of the rows, by the major version.
@@ -303,9 +304,10 @@ def watch_to_the_end(window: Window) -> None:
 
 def look_at_results(window: Window) -> None:
     """Through a held-out camera: its render and the error map; the mesh painted by confidence; all by their buttons."""
-    x, y = window.button(RESULTS)
-    window.click(x - 60, y, hold="ctrl")  # opens this panel and closes the others
-    time.sleep(1)
+    for header in (SCENE_HEADER, RESULTS_HEADER):  # whatever warnings there are, the second is where we know it
+        x, y = window.button(header)
+        window.click(x - 60, y, hold="ctrl")  # opens this panel and closes the others
+        time.sleep(1)
     window.press(window.button(PAINT + ROW, 0.25), "confidence", lambda s: s["painted"] == ["CONFIDENCE"])
     time.sleep(2)
     window.shot("35-confidence")
