@@ -126,7 +126,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("unobserved_volumes", "mesh", "Removal of volumes that no photo shows", "mesh.unobserved_volumes:UnobservedVolumeOptions"),
     Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mesh.options:ExtractionOptions"),
     Algorithm("tetrahedra", "mesh", "Points that the tetrahedra join", "mesh.tetrahedra:TetrahedraOptions"),
-    Algorithm("mesh_parts", "mesh", "Vote of the photos on the parts of faces", "mesh.parts:FacePartOptions", also=("drawings", "models")),
+    Algorithm("mesh_parts", "mesh", "Vote of the photos on the parts of faces", "mesh.parts:FacePartOptions"),
     Algorithm("component_filter", "mesh", "Parts of the mesh that no click belongs to", "mesh.component_filter:ComponentFilterOptions"),
     # deliver
     Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),

@@ -65,15 +65,6 @@ def algorithm_named(section: str) -> Algorithm:
     return _BY_SECTION[section]
 
 
-def algorithm_of(kind: type) -> Algorithm:
-    """Return the algorithm whose options a dataclass holds.
-
-    Raises:
-        KeyError: the dataclass is not in the table.
-    """
-    return _BY_CLASS[_place_of(kind)]
-
-
 def _place_of(kind: type) -> str:
     """Return the dataclass as the table names it."""
     return f"{kind.__module__.removeprefix('mgf_engine.')}:{kind.__qualname__}"

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 
 from benchmarks.fuzz.target import FACES, VERTICES, small_field
-from mgf_engine.config import make_config
 from mgf_engine.field.export import write_splats
 from mgf_engine.field.initialise import initial_field
 from mgf_engine.field.losses import LossOptions, total_loss
@@ -37,7 +36,6 @@ from mgf_engine.texture.texture_pipeline import make_texture
 
 #: Larger things are left alone: what a case costs must not depend on the damage.
 MOST_PIXELS, MOST_FACES, MOST_GAUSSIANS = 1 << 16, 10_000, 5000
-_CONFIG = make_config({"preset": "draft"})
 
 
 def all_inside(scene: Scene) -> MaskSet:

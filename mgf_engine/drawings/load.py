@@ -18,7 +18,7 @@ from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.job_folder import read_job
 from mgf_engine.masks.store import read_masks
-from mgf_engine.mesh.parts import FacePartOptions, face_parts, named_parts
+from mgf_engine.mesh.parts import named_parts
 from mgf_engine.mesh.planar_clustering import nearest_pixels
 from mgf_engine.mesh.screening import voting_views
 from mgf_engine.model.masks import MaskSet
@@ -36,7 +36,6 @@ class UpOptions:
     axis_angle: float = parameter(1.0, "Angle to an axis of the scene below which up is that axis", "degrees", high=45)
     rounds: int = parameter(5, "Number of iterations", low=1)
     gravity: GravityOptions = GravityOptions()
-    parts: FacePartOptions = FacePartOptions()
 
 
 def read_survey(folder: Path, georeference: Georeference | None = None, options: UpOptions = UpOptions()) -> Survey:
@@ -55,7 +54,6 @@ def read_survey(folder: Path, georeference: Georeference | None = None, options:
     masks = read_masks(folder / "masks", scene)
     mesh, georeference = read_ply(folder / "mesh.ply"), georeference or read_georeference(folder)
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
-    parts = named_parts(folder / "masks", scene)
     in_georeference = replace(mesh, vertices=georeference.local(mesh.vertices))
     turn = np.eye(3)
     if not georeference.up_known:
@@ -64,9 +62,8 @@ def read_survey(folder: Path, georeference: Georeference | None = None, options:
     local = replace(mesh, vertices=in_georeference.vertices @ turn.T)
     scale = georeference.scale / scene.to_normalised.scale
     return Survey(
-        local, normalised, scene, masks, parts,
-        face_parts(normalised, scene, masks, list(parts.values()), options.parts),
-        georeference, turn, *(pixel * scale for pixel in _pixels(normalised, scene, masks)),
+        local, normalised, scene, masks, named_parts(folder / "masks", scene), georeference, turn,
+        *(pixel * scale for pixel in _pixels(normalised, scene, masks)),
     )  # fmt: skip
 
 

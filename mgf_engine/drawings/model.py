@@ -88,7 +88,6 @@ class Survey:
         normalised: the same mesh in the frame of the scene's views.
         scene, masks: of the job.
         parts: named parts (window, door ...) -> the elements of the masks that show them.
-        face_part: the part of each face, uint8 [F], 0 for none, k + 1 for the k-th of ``parts``.
         georeference: of the job.
         turn: local frame of the georeference -> local frame of the drawings, [3, 3]; a rotation that puts up where it
             was not known.
@@ -101,7 +100,6 @@ class Survey:
     scene: Scene
     masks: MaskSet
     parts: dict[str, Elements]
-    face_part: NDArray[np.uint8]
     georeference: Georeference
     turn: Array
     pixel: float

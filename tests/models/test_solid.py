@@ -45,9 +45,8 @@ def of(survey: Survey, mesh: Mesh) -> Survey:
     """The survey with another building in it, and no points around."""
     scene = replace(survey.scene, points=np.zeros((0, 3)))
     masks = replace(survey.masks, point_mask=np.zeros(0, bool))
-    parts = np.zeros(len(mesh.faces), np.uint8)
     return replace(
-        survey, mesh=mesh, normalised=mesh, scene=scene, masks=masks, face_part=parts, pixel=PIXEL, working_pixel=PIXEL
+        survey, mesh=mesh, normalised=mesh, scene=scene, masks=masks, pixel=PIXEL, working_pixel=PIXEL
     )  # fmt: skip
 
 
