@@ -118,7 +118,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("opacity", "mesh", "Surface by the opacity of the field (surface=opacity)", "mesh.opacity:OpacityOptions"),
     Algorithm("tsdf", "mesh", "Fusion of depth maps into a signed distance", "mesh.fusion_options:TsdfOptions"),
     Algorithm("mesh_refinement", "mesh", "Photometric refinement of the mesh", "mesh.refine:RefinementOptions"),
-    Algorithm("planar", "mesh", "Projection of planar regions", "mesh.plane_detection:PlanarOptions", also=("drawings", "models")),
+    Algorithm("planar", "mesh", "Projection of planar regions", "mesh.planar_options:PlanarOptions", also=("drawings", "models")),
     Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mesh.colors:ColorOptions"),
     Algorithm("planar_clustering", "mesh", "Merging of vertices in flat areas", "mesh.planar_clustering:PlanarClusteringOptions"),
     Algorithm("mask_votes", "mesh", "Vote of the masks on faces", "mesh.mask_votes:MaskVoteOptions"),

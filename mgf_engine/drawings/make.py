@@ -39,7 +39,8 @@ from mgf_engine.drawings.write import (
     write_sheets,
 )
 from mgf_engine.job_folder import locked, with_algorithms_of_job
-from mgf_engine.mesh.plane_detection import PlanarOptions, Planes
+from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.messages import Reporter
 from mgf_engine.output_folder import Cost, check_place, new_folder
 from mgf_engine.system import write_json

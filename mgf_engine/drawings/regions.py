@@ -18,7 +18,8 @@ from scipy.ndimage import find_objects
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, Frame, Survey
 from mgf_engine.drawings.project import Grid, GridBuffers, plan_grid, render_grid
-from mgf_engine.mesh.plane_detection import PlanarOptions, Planes, planes_of
+from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.mesh.plane_detection import Planes, planes_of
 
 NOTHING, LOOSE = 0, 1 << 20
 

@@ -15,7 +15,7 @@ from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions
 from mgf_engine.mesh.mask_votes import MaskVoteOptions
 from mgf_engine.mesh.opacity import OpacityOptions
 from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions
-from mgf_engine.mesh.plane_detection import PlanarOptions
+from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.refine import RefinementOptions
 from mgf_engine.mesh.screening import ScreeningOptions
 from mgf_engine.mesh.tetrahedra import TetrahedraOptions

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.plane_detection import MeshFaces, PlanarOptions, Planes, find_planes, measure_faces
+from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.mesh.plane_detection import MeshFaces, Planes, find_planes, measure_faces
 from mgf_engine.model.mesh import Mesh
 
 

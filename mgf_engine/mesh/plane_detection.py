@@ -8,6 +8,7 @@ over larger cells, leave the plane by more than the slow waves of depths by ster
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,48 +16,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import edges, face_areas
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.mesh.divide import divide_long_edges
+from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.morton import arrange, cells_of, morton
-
-
-@dataclass(frozen=True)
-class PlanarOptions:
-    """Options of planar regions; a ground pixel is that of :func:`mgf_engine.mesh.decimate.ground_pixels`."""
-
-    least_area: float = parameter(400.0, "Minimum area of a plane", "ground px²")
-    least_width: float = parameter(6.0, "Minimum width of a plane", "ground px")
-    seed_side: float = parameter(10.0, "Side of the cells in which planes begin", "ground px", low=0.1)
-    seed_area: float = parameter(25.0, "Minimum area of the faces of such a cell", "ground px²")
-    seed_even: float = parameter(0.95, "Minimum length of the mean normal of such a cell", high=1)
-    seed_coarse: int = parameter(
-        4, "Number of such cells along a coarse cell; the best of each coarse cell is tried first", low=1
-    )
-    tries: int = parameter(400, "Maximum number of cells in which a plane is begun")
-    radii: tuple[float, float, float] = parameter(
-        (15.0, 40.0, 120.0), "Radii around the beginning in which a plane is fitted, one after the other", "ground px"
-    )
-    same_angle: float = parameter(0.5, "Maximum angle between two planes that are one", "degrees")
-    same_shift: float = parameter(0.15, "Maximum distance between two planes that are one", "ground px")
-    band: float = parameter(1.0, "Distance from a plane up to which faces belong to it and vertices move into it",
-                            "ground px", low=1e-3)  # fmt: skip
-    turn: float = parameter(30.0, "Maximum angle between a plane and the smoothed normals of its faces", "degrees")
-    sigmas: float = parameter(3.0, "Distance that counts as noise, in standard deviations")
-    bend_cell: float = parameter(
-        12.0, "Side of the cells whose means tell whether a plane is bent", "ground px", low=0.1
-    )
-    bend_area: float = parameter(30.0, "Minimum area of such a cell", "ground px²")
-    waves: float = parameter(0.6, "Maximum root mean square of those means", "ground px")
-    bows: tuple[float, float] = parameter(
-        (0.06, 0.3), "Bounds of the noise that a paraboloid through the faces must not exceed", "ground px"
-    )
-    crease: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
-    crease_move: float = parameter(1.5, "Maximum distance that a vertex moves onto an edge or a corner", "ground px")
-    rings: int = parameter(3, "Number of edges between a plane's vertices and those that may lie on its crease")
-    normal_rounds: int = parameter(2, "Number of rounds that smooth the normals")
 
 
 @dataclass(frozen=True)
@@ -90,6 +55,21 @@ class MeshFaces:
     pixel: NDArray[np.float64]
     area: NDArray[np.float64]
     pairs: NDArray[np.int64]
+
+    def distances(self, plane: Plane, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Compute signed distances of the centres of faces [K] from a plane, ground pixels [K]."""
+        return np.asarray((self.centre[rows] @ plane.normal - plane.offset) / self.pixel[rows])
+
+
+class Plane(NamedTuple):
+    """The points with ``normal @ x = offset``; the normal is a unit vector [3]."""
+
+    normal: NDArray[np.float64]
+    offset: float
+
+    def facing(self, direction: NDArray[np.float64]) -> Plane:
+        """Return the plane with its normal to the side that a direction [3] points to."""
+        return self if direction @ self.normal > 0 else Plane(-self.normal, -self.offset)
 
 
 def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], o: PlanarOptions) -> MeshFaces:
@@ -130,8 +110,8 @@ def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> P
 def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
     """Find planes of at least ``least_area``, the most even places first."""
     label = np.full(len(faces.area), -1, np.int32)
-    found: list[tuple[NDArray[np.float64], float, float]] = []
-    refused: list[tuple[NDArray[np.float64], float]] = []
+    found: list[tuple[Plane, float]] = []
+    refused: list[Plane] = []
     tree = cKDTree(faces.centre)
     for seed in _seeds(faces, o):
         rows = seed[label[seed] < 0]
@@ -142,16 +122,17 @@ def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
         if local is None or _same(local, refused, at, pixel, o):
             continue
         free = np.flatnonzero(label < 0)
-        free = free[faces.normal[free] @ local[0] > np.cos(np.radians(o.turn))]
-        whole = _refit(faces, free, *local, o)
+        free = free[faces.normal[free] @ local.normal > np.cos(np.radians(o.turn))]
+        whole = _refit(faces, free, local, o)
         grown = None if whole is None or _same(whole, refused, at, pixel, o) else _grow(faces, whole, free, o)
         if grown is None:
             refused += [local] if whole is None else [local, whole]
             continue
         label[grown[1]] = len(found)
         found.append(grown[0])
-    normals = np.array([normal for normal, *_ in found]).reshape(-1, 3)
-    return Planes(normals, np.array([at for _, at, _ in found]), np.array([noise for *_, noise in found]), label)
+    normals = np.array([plane.normal for plane, _ in found]).reshape(-1, 3)
+    offsets = np.array([plane.offset for plane, _ in found])
+    return Planes(normals, offsets, np.array([noise for _, noise in found]), label)
 
 
 def _seeds(faces: MeshFaces, o: PlanarOptions) -> list[NDArray[np.int64]]:
@@ -192,101 +173,75 @@ def _by_turns(cell: NDArray[np.integer], score: NDArray[np.float64]) -> NDArray[
 
 
 def _begin(
-    faces: MeshFaces,
-    seed: NDArray[np.int64],
-    tree: cKDTree,
-    label: NDArray[np.int32],
-    o: PlanarOptions,
-) -> tuple[NDArray[np.float64], float] | None:
-    """Return the plane (normal, offset) around the faces ``seed``, fitted within one of ``radii`` after the other."""
-    normal, offset = _fit(faces, seed, np.ones(len(seed)))
-    if normal @ faces.normal[seed].sum(0) < 0:
-        normal, offset = -normal, -offset
-    middle, side, facing = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed])), normal
+    faces: MeshFaces, seed: NDArray[np.int64], tree: cKDTree, label: NDArray[np.int32], o: PlanarOptions
+) -> Plane | None:
+    """Return the plane around the faces ``seed``, fitted within one of ``radii`` after the other."""
+    plane = _fit(faces, seed, np.ones(len(seed)))
+    if plane.normal @ faces.normal[seed].sum(0) < 0:
+        plane = Plane(-plane.normal, -plane.offset)
+    middle, side, facing = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed])), plane.normal
     for radius in o.radii:
         near = np.sort(np.asarray(tree.query_ball_point(middle, radius * side), np.int64))
         near = near[(label[near] < 0) & (faces.normal[near] @ facing > np.cos(np.radians(o.turn)))]
-        fitted = _refit(faces, near, normal, offset, o)
+        fitted = _refit(faces, near, plane, o)
         if fitted is None:
             return None
-        normal, offset = fitted
-    return normal, offset
+        plane = fitted
+    return plane
 
 
-def _refit(
-    faces: MeshFaces,
-    near: NDArray[np.int64],
-    normal: NDArray[np.float64],
-    offset: float,
-    o: PlanarOptions,
-) -> tuple[NDArray[np.float64], float] | None:
+def _refit(faces: MeshFaces, near: NDArray[np.int64], plane: Plane, o: PlanarOptions) -> Plane | None:
     """Return the plane moved onto those of the faces ``near`` that lie in it, twice; None where they are too few."""
-    centre, pixel = faces.centre[near], faces.pixel[near]
     for _ in range(2):
-        off = (centre @ normal - offset) / pixel
+        off = faces.distances(plane, near)
         inside = np.abs(off) < o.band
         if faces.area[near[inside]].sum() < o.seed_area:
             return None
-        normal, offset = _turned(normal, *_fit(faces, near[inside], (1 - (off[inside] / o.band) ** 2) ** 2))
-    return normal, offset
+        plane = _fit(faces, near[inside], (1 - (off[inside] / o.band) ** 2) ** 2).facing(plane.normal)
+    return plane
 
 
-def _same(
-    plane: tuple[NDArray[np.float64], float],
-    others: list[tuple[NDArray[np.float64], float]],
-    at: NDArray[np.float64],
-    pixel: float,
-    o: PlanarOptions,
-) -> bool:
+def _same(plane: Plane, others: list[Plane], at: NDArray[np.float64], pixel: float, o: PlanarOptions) -> bool:
     """Tell whether a plane is one of others, near a point."""
     if not others:
         return False
-    normals, offsets = np.array([normal for normal, _ in others]), np.array([offset for _, offset in others])
-    shift = np.abs((at @ plane[0] - plane[1]) - (normals @ at - offsets)) / pixel
-    return bool(((normals @ plane[0] > np.cos(np.radians(o.same_angle))) & (shift < o.same_shift)).any())
+    normals, offsets = np.array([other.normal for other in others]), np.array([other.offset for other in others])
+    shift = np.abs((at @ plane.normal - plane.offset) - (normals @ at - offsets)) / pixel
+    return bool(((normals @ plane.normal > np.cos(np.radians(o.same_angle))) & (shift < o.same_shift)).any())
 
 
 def _grow(
-    faces: MeshFaces,
-    plane: tuple[NDArray[np.float64], float],
-    free: NDArray[np.int64],
-    o: PlanarOptions,
-) -> tuple[tuple[NDArray[np.float64], float, float], NDArray[np.int64]] | None:
-    """Return the largest connected part of a plane (normal, offset, noise) and its faces; None where it is refused."""
-    normal, offset = plane
-    off = (faces.centre[free] @ normal - offset) / faces.pixel[free]
-    inside = _largest_part(faces, free[np.abs(off) < o.band])
+    faces: MeshFaces, plane: Plane, free: NDArray[np.int64], o: PlanarOptions
+) -> tuple[tuple[Plane, float], NDArray[np.int64]] | None:
+    """Return the largest connected part of a plane: the plane with its noise, and the faces; None where it is
+    refused."""
+    inside = _largest_part(faces, free[np.abs(faces.distances(plane, free)) < o.band])
     if faces.area[inside].sum() < o.least_area:
         return None
     for _ in range(3):
-        off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
+        off = faces.distances(plane, inside)
         reach = max(min(o.sigmas * _noise(off, faces.area[inside]), o.band), 1e-6)
         weight = np.maximum(1 - (off / reach) ** 2, 0) ** 2
         if faces.area[inside[weight > 0]].sum() < o.least_area:
             return None
-        normal, offset = _turned(normal, *_fit(faces, inside, weight))
-    off = (faces.centre[inside] @ normal - offset) / faces.pixel[inside]
+        plane = _fit(faces, inside, weight).facing(plane.normal)
+    off = faces.distances(plane, inside)
     # the mean of three corners has less noise than each: a relief of some sigma has hardly a face that passes for flat
     kept = np.abs(off) <= o.sigmas * _noise(off, faces.area[inside])
     inside, off = inside[kept], off[kept]
-    if faces.area[inside].sum() < o.least_area or _bent(faces, inside, off, normal, o):
+    if faces.area[inside].sum() < o.least_area or _bent(faces, inside, off, plane.normal, o):
         return None
-    corners = (faces.mesh.vertices[faces.mesh.faces[inside]] @ normal - offset) / faces.pixel[inside, None]
-    noise = _noise(corners.ravel(), np.repeat(faces.area[inside], 3))
-    return (normal, offset, noise), inside
+    corners = (faces.mesh.vertices[faces.mesh.faces[inside]] @ plane.normal - plane.offset) / faces.pixel[inside, None]
+    return (plane, _noise(corners.ravel(), np.repeat(faces.area[inside], 3))), inside
 
 
-def _turned(like: NDArray[np.float64], normal: NDArray[np.float64], offset: float) -> tuple[NDArray[np.float64], float]:
-    return (normal, offset) if like @ normal > 0 else (-normal, -offset)
-
-
-def _fit(faces: MeshFaces, rows: NDArray[np.int64], weight: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Return the normal and offset of the plane through faces, weighted also by their area."""
+def _fit(faces: MeshFaces, rows: NDArray[np.int64], weight: NDArray[np.float64]) -> Plane:
+    """Return the plane through faces, weighted also by their area."""
     weight = weight * faces.area[rows] + 1e-12
     middle = weight @ faces.centre[rows] / weight.sum()
     local = faces.centre[rows] - middle
     normal = np.linalg.eigh((local * weight[:, None]).T @ local)[1][:, 0]
-    return normal, float(normal @ middle)
+    return Plane(normal, float(normal @ middle))
 
 
 def _largest_part(faces: MeshFaces, rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -319,8 +274,7 @@ def _bent(
     across = np.linalg.svd(normal[None])[2][1:]
     flat = (faces.centre[rows] - faces.centre[rows].mean(0)) @ across.T / np.median(faces.pixel[rows])
     area = faces.area[rows]
-    spread = np.linalg.eigvalsh((flat * area[:, None]).T @ flat / area.sum())
-    if np.sqrt(12 * max(spread[0], 0.0)) < o.least_width:
+    if _width(flat, area) < o.least_width:
         return True
     places = np.floor(flat / o.bend_cell).astype(np.int64)
     places -= places.min(0)
@@ -329,10 +283,20 @@ def _bent(
     means = np.bincount(cell, area * off) / np.maximum(sums, 1e-12)
     full = sums >= o.bend_area
     waves = np.sqrt((sums * means**2)[full].sum() / max(sums[full].sum(), 1e-12))
+    noise = _noise(off - means[cell], area)
+    return bool(waves > o.waves or _bow(flat, off, area) > np.clip(noise, *o.bows))
+
+
+def _width(flat: NDArray[np.float64], area: NDArray[np.float64]) -> float:
+    """Return the shorter side of the rectangle with the second moments of places [K, 2], weighted by area."""
+    spread = np.linalg.eigvalsh((flat * area[:, None]).T @ flat / area.sum())
+    return float(np.sqrt(12 * max(spread[0], 0.0)))
+
+
+def _bow(flat: NDArray[np.float64], off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
+    """Return the root mean square of the paraboloid that fits distances [K] at places [K, 2], weighted by area."""
     u, v = (flat / np.abs(flat).max()).T
     terms = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], 1)
     weighted = terms * area[:, None]
     bow = terms @ np.linalg.lstsq(weighted.T @ terms, weighted.T @ off, rcond=1e-9)[0]
-    bows = np.sqrt(area @ bow**2 / area.sum())
-    noise = _noise(off - means[cell], area)
-    return bool(waves > o.waves or bows > np.clip(noise, *o.bows))
+    return float(np.sqrt(area @ bow**2 / area.sum()))

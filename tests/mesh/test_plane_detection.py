@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from mgf_engine.mesh.plane_detection import MeshFaces, PlanarOptions, _by_turns, _refit, planes_of
+from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.mesh.plane_detection import MeshFaces, Plane, _by_turns, _refit, planes_of
 from mgf_engine.model.mesh import Mesh
 
 
@@ -57,9 +58,9 @@ def test_faces_near_the_edge_of_the_band_hardly_move_a_plane() -> None:
     centre, one = np.stack([x.ravel(), y.ravel(), z], 1), np.ones(x.size)
     normals = np.tile([0.0, 0.0, 1.0], (x.size, 1))
     faces = MeshFaces(box(1, 1, 1), centre, normals, one, one, np.zeros((2, 0), np.int64))
-    found = _refit(faces, np.arange(x.size), normals[0], 0.0, PlanarOptions(band=4.0))
+    found = _refit(faces, np.arange(x.size), Plane(normals[0], 0.0), PlanarOptions(band=4.0))
     assert found is not None
     normal, offset = found
     assert normal == pytest.approx([0, 0, 1], abs=1e-2)
     assert offset - normal @ [14.5, 14.5, 0] == pytest.approx(0.312, abs=0.02)
-    assert _refit(faces, np.arange(10), normals[0], 0.0, PlanarOptions(band=4.0)) is None  # too small an area
+    assert _refit(faces, np.arange(10), Plane(normals[0], 0.0), PlanarOptions(band=4.0)) is None  # too small an area

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.regions import RegionOptions
-from mgf_engine.mesh.plane_detection import PlanarOptions
+from mgf_engine.mesh.planar_options import PlanarOptions
 
 
 @dataclass(frozen=True)
