@@ -184,11 +184,14 @@ def learn_from(job: Job, photos: Photos) -> float | None:
 
 def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
     """Run one stage and record what it took."""
+    from mgf_engine.native.buffers import release_buffers  # loads torch, as every stage does
+
     key = job.begin(name)
     log.info("stage %s begins", name)
     started, cpu_before = time.perf_counter(), cpu_seconds()
     reporter.warnings.clear()
-    release_memory()  # what the stages before needed no longer is not this one's
+    release_buffers()  # what the stages before needed no longer is not this one's
+    release_memory()
     with MemoryMonitor() as memory:
         figures = stage_named(name).runner()(job, reporter)
     seconds, cpu = time.perf_counter() - started, cpu_seconds() - cpu_before

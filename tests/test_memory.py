@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from mgf_engine import memory
-from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, at_once, budget_of, free_memory, share
+from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, at_once, budget_of, fits_beside, free_memory, share
 from mgf_engine.native.library import set_threads
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.subprocesses import worker
@@ -61,6 +61,13 @@ def test_no_more_is_worked_on_at_a_time_than_memory_is_left_for() -> None:
     finally:
         set_threads(0)
     assert at_once(0) > 10**9
+
+
+def test_work_beside_other_work_takes_half_of_what_is_left_and_never_much() -> None:
+    allow(psutil.Process().memory_info().rss + 2 * memory.BESIDE)
+    assert fits_beside(0.8 * memory.BESIDE) and not fits_beside(1.3 * memory.BESIDE)
+    allow(psutil.Process().memory_info().rss + 100 * GB)
+    assert fits_beside(memory.BESIDE) and not fits_beside(1.01 * memory.BESIDE)
 
 
 @pytest.mark.parametrize(("limit", "left"), [("3000", [3000 - (1200 - 200)]), ("max", [])])

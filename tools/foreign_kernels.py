@@ -29,7 +29,7 @@ TESTS = (
     "mesh/test_depth_smoothing.py", "mesh/test_planar_clustering.py", "mesh/test_decimate.py", "mesh/test_colors.py",
     "masks/refinement/test_patch_ncc.py", "masks/geometry/test_point_surface.py",
     "masks/propagation/test_superpixels.py", "start/test_smoothing.py", "start/test_start_kernels.py",
-    "scene/test_patch_match.py", "benchmarks/test_roofline.py",
+    "start/test_cut_graph.py", "scene/test_patch_match.py", "benchmarks/test_roofline.py",
 )  # fmt: skip
 #: Other backends do not call the kernels, other variants are not those of the target.
 CHOSEN = "not cuda and not reference and not v3 and not v4"

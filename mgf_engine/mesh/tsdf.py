@@ -24,6 +24,7 @@ from mgf_engine.mesh.prior import KnownSurface, Prior
 from mgf_engine.mesh.trusted_views import Photos
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
+from mgf_engine.native.buffers import release_buffers
 from mgf_engine.native.library import parallel
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.camera import pose_and_intrinsics
@@ -199,4 +200,5 @@ def fuse_gaussians(
     spill = Spill()
     shown = ViewSurfaces(show, gaussians.positions.device, known if prior is not None and photos is not None else None)
     maps = make_depth_maps(shown, masks, photos.neighbours if photos else (), options, progress, spill)
+    release_buffers()  # of the rendering, beside which nothing else is drawn
     return TsdfField(maps, options.tsdf, spill)

@@ -49,6 +49,13 @@ def lasting_array(dtype: torch.dtype, *shape: int) -> Tensor:
     return torch.from_numpy(owner).view(dtype).view(shape)
 
 
+def release_buffers() -> None:
+    """Let go of all arrays that are kept for later: what comes next asks for others."""
+    with _lock:
+        _sort_in()
+        _free.clear()
+
+
 def _give_back(blocks: list[Tensor]) -> None:
     """Return a block without waiting: may run while this thread or another is inside `_take`, which then sorts it
     in."""

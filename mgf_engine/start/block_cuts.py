@@ -44,7 +44,6 @@ def cut_in_blocks(
         of its faces lies on, 0 on none, float32 [F].
 
     Raises:
-        BadInput: PyMaxflow is not installed.
         Cancelled: the user asked to stop.
     """
     if options.blocks == 1:

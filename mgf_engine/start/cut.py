@@ -21,7 +21,7 @@ from mgf_engine.geometry.tetgen import begun
 from mgf_engine.model.masks import building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import parallel
-from mgf_engine.start.cut_graph import ONE, CutGraph, check_maxflow
+from mgf_engine.start.cut_graph import ONE, CutGraph
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions
 from mgf_engine.start.segments import pixel_rays
@@ -51,10 +51,8 @@ def cut_surface(
         The surface, and the strength of the strongest plane each of its faces lies on, 0 on none, float32 [F].
 
     Raises:
-        BadInput: PyMaxflow is not installed.
         Cancelled: the user asked to stop.
     """
-    check_maxflow()
     low, high = evidence.points.min(0), evidence.points.max(0)
     padding = o.padding * float((high - low).max())
     points = np.concatenate([evidence.points, _box(low, high, padding)])
@@ -74,15 +72,15 @@ def cut_surface(
     del outside, free, solid
     graph = CutGraph(shape, face, evidence, views.pixel, o)
     del face
-    graph.add(source, sink)
+    graph.flow.add(source, sink)
     del source, sink
-    first, _ = graph.surface(graph.cut())
+    first, _ = graph.surface(graph.flow.cut())
     check()
     margin = 0.1 * padding
     release_memory()  # the graph and the planes of the next walk are the largest there is
     pulled = _pull_uncovered(views, shape, shut, first, (low - margin, high + margin), o)
-    graph.add(np.zeros(len(pulled)), pulled / ONE)
-    inside = graph.cut()
+    graph.flow.add(np.zeros(len(pulled)), pulled / ONE)
+    inside = graph.flow.cut()
     log.info("start: %d points, %d tetrahedra, %d inside", len(points), len(inside), inside.sum())
     return graph.surface(inside)
 

@@ -3,33 +3,18 @@
 
 from __future__ import annotations
 
-import contextlib
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.native.library import call
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions
 from mgf_engine.start.tetrahedra import FACE_CORNERS, Tetrahedra
 
-with contextlib.suppress(ModuleNotFoundError):  # no wheel for Linux on ARM
-    import maxflow
-
 ONE = 1024.0  # what the kernels count as 1: their sums are whole numbers
 
 Array = NDArray[np.float64]
-
-
-def check_maxflow() -> None:
-    """Refuse to go on without what finds the cut.
-
-    Raises:
-        BadInput: PyMaxflow is not installed.
-    """
-    if "maxflow" not in globals():
-        raise BadInput("PyMaxflow is not installed; run 'pip install PyMaxflow', or choose the start 'dense'.")
 
 
 class CutGraph:
@@ -42,8 +27,7 @@ class CutGraph:
         self, shape: Tetrahedra, rays: NDArray[np.int32], evidence: Evidence, pixel: float, o: CutOptions
     ) -> None:
         self.shape, self.strength = shape, StrongestPlane(evidence, len(shape.points))
-        self.graph = maxflow.Graph[float](len(shape.corners), sum(len(_pairs(shape, c)[0]) for c in shape.chunks()))
-        self.graph.add_nodes(len(shape.corners))
+        self.flow = Flow(shape.neighbours)
         for chunk in shape.chunks():
             cell, k, other = _pairs(shape, chunk)
             back = np.argmax(shape.neighbours[other] == cell[:, None], 1)
@@ -51,19 +35,8 @@ class CutGraph:
             with np.errstate(divide="ignore"):
                 factor = np.minimum(1.0, o.flat / self.strength(faces) ** o.slope)
             cost = o.area * (_areas(shape.points, faces) / pixel**2) * factor
-            self.graph.add_edges(cell, other, rays[cell, k] / ONE + cost, rays[other, back] / ONE + cost)
-
-    def add(self, source: Array, sink: Array) -> None:
-        """Add capacities [T] from outside and to inside."""
-        self.graph.add_grid_tedges(np.arange(len(source)), source, sink)
-
-    def cut(self) -> NDArray[np.bool_]:
-        """Find the inside tetrahedra by the minimum cut, bool [T].
-
-        The flow of an earlier cut stays valid, so that a second one only adds what the added capacities let through.
-        """
-        self.graph.maxflow()
-        return np.asarray(self.graph.get_grid_segments(np.arange(len(self.shape.corners))))
+            self.flow.residual[cell, k] = rays[cell, k] / ONE + cost
+            self.flow.residual[other, back] = rays[other, back] / ONE + cost
 
     def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.float32]]:
         """Return the faces between inside and outside, outward, and the strength of the plane each lies on [F]."""
@@ -80,6 +53,42 @@ class CutGraph:
         colors = np.zeros((len(kept), 3), np.uint8)
         mesh = Mesh(self.shape.points[kept], index.reshape(-1, 3).astype(np.int32), colors)
         return mesh, self.strength(faces).astype(np.float32)
+
+
+class Flow:
+    """The most that flows through cells from outside to inside, and what it leaves over.
+
+    Attributes:
+        neighbours: the cells beyond each of four faces, each cell once at most, -1 for none, int32 [N, 4].
+        residual: what may still flow to each neighbour, [N, 4].
+        excess: what may still come from outside; negative: go inside, [N].
+        value: of the flow so far.
+    """
+
+    def __init__(self, neighbours: NDArray[np.int32]) -> None:
+        self.neighbours, self.residual = neighbours, np.zeros(neighbours.shape)
+        self.excess, self.value = np.zeros(len(neighbours)), 0.0
+
+    def add(self, source: Array, sink: Array) -> None:
+        """Add capacities [N] from outside and to inside."""
+        source, sink = source + np.maximum(self.excess, 0), sink + np.maximum(-self.excess, 0)
+        self.value += float(np.minimum(source, sink).sum())
+        self.excess = source - sink
+
+    def cut(self) -> NDArray[np.bool_]:
+        """Find the inside cells by the minimum cut, bool [N] (kernel ``mgf_cut_tetrahedra``).
+
+        Those from where more could still flow inside are. The flow of an earlier cut stays valid, so that a second one
+        only adds what the added capacities let through.
+        """
+        count, added = len(self.excess), np.zeros(1)
+        inside, parent = np.empty(count, np.uint8), np.empty(count, np.int8)
+        work = np.empty((4, count), np.int32)
+        call(
+            "mgf_cut_tetrahedra", count, self.neighbours, self.residual, self.excess, inside, added, parent, *work
+        )  # fmt: skip
+        self.value += float(added[0])
+        return inside.astype(bool)
 
 
 class StrongestPlane:

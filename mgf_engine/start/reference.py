@@ -7,10 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from mgf_engine.start.options import OutsideOptions, PlaneOptions
 from mgf_engine.start.segments import Segments
-from mgf_engine.start.tetrahedra import Tetrahedra
+from mgf_engine.start.tetrahedra import FACE_CORNERS, Tetrahedra
 from mgf_engine.start.views import Silhouettes
 
 Array = NDArray[np.float64]
@@ -120,7 +122,7 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
     length = float(np.linalg.norm(d))
     d = d / length
     spans = []
-    for cell, planes in enumerate(shape.planes()):
+    for cell, planes in enumerate(face_planes(shape)):
         slope, off = planes[:, :3] @ d, planes[:, :3] @ origin + planes[:, 3]
         off[shape.corners[cell] != point] *= np.abs(off[shape.corners[cell] != point]) > 1e-12
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -207,6 +209,17 @@ def snap_to_planes(points: Array, planes: Array, near: Array, o: PlaneOptions) -
     return out
 
 
+def face_planes(shape: Tetrahedra) -> Array:
+    """Compute outward unit normals and offsets of the faces opposite of each corner, [T, 4, 4]."""
+    result = np.empty((len(shape.corners), 4, 4))
+    for k, corners in enumerate(FACE_CORNERS):
+        a, b, c = (shape.points[shape.corners[:, n]] for n in corners)
+        n = np.cross(b - a, c - a)
+        n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
+        result[:, k, :3], result[:, k, 3] = n, -(n * a).sum(1)
+    return result
+
+
 def around(shape: Tetrahedra, point: int) -> NDArray[np.int64]:
     """Return the tetrahedra around a point, ascending."""
     return np.flatnonzero((shape.corners == point).any(1))
@@ -224,3 +237,31 @@ def face_neighbours(corners: NDArray[np.int32]) -> NDArray[np.int32]:
             (first, k), (second, q) = sides
             result[first, k], result[second, q] = second, first
     return result
+
+
+def cut_cells(
+    neighbours: NDArray[np.int32], capacity: NDArray[np.int32], excess: NDArray[np.int32]
+) -> tuple[int, NDArray[np.bool_]]:
+    """Cut cells as :class:`mgf_engine.start.cut_graph.Flow` does, by scipy's maximum flow of whole numbers.
+
+    Args:
+        neighbours: the cells beyond each of four faces, -1 for none, [N, 4].
+        capacity: what may flow to each neighbour, [N, 4].
+        excess: what may come from outside; negative: go inside, [N].
+
+    Returns:
+        The value of the flow, and which cells are inside, bool [N].
+    """
+    count = len(excess)
+    outside, inside = count, count + 1
+    cell, k = np.nonzero(neighbours >= 0)
+    begin = np.r_[cell, np.full(count, outside), np.arange(count)]
+    end = np.r_[neighbours[cell, k], np.arange(count), np.full(count, inside)]
+    most = np.r_[capacity[cell, k], np.maximum(excess, 0), np.maximum(-excess, 0)].astype(np.int32)
+    graph = csr_matrix((most, (begin, end)), shape=(count + 2, count + 2))
+    found = maximum_flow(graph, outside, inside)
+    left = (graph - found.flow).tocsr()
+    left.data[left.data < 0] = 0
+    left.eliminate_zeros()
+    reached = breadth_first_order(left.T.tocsr(), inside, return_predecessors=False)
+    return found.flow_value, np.isin(np.arange(count), reached)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Delaunay tetrahedra with what the kernels that walk through them need: neighbours, planes and corners."""
+"""Delaunay tetrahedra with what the kernels that walk through them need: neighbours and corners."""
 
 from __future__ import annotations
 
@@ -42,17 +42,6 @@ class Tetrahedra:
         parallel("mgf_tetra_neighbours", len(result), self.corners, *self.around(), result)
         return result
 
-    def planes(self) -> Array:
-        """Compute outward unit normals and offsets of the faces, [T, 4, 4]: most of what a walk needs."""
-        result = np.empty((len(self.corners), 4, 4))
-        for chunk in self.chunks():
-            for k, corners in enumerate(FACE_CORNERS):
-                a, b, c = (self.points[self.corners[chunk, n]] for n in corners)
-                n = np.cross(b - a, c - a)
-                n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
-                result[chunk, k, :3], result[chunk, k, 3] = n, -(n * a).sum(1)
-        return result
-
     def volumes(self, chunk: slice) -> Array:
         """Compute volumes of those in a chunk, [B]."""
         a, b, c, d = (self.points[self.corners[chunk, k]] for k in range(4))
@@ -68,7 +57,7 @@ class Tetrahedra:
         """Give the address of a ``struct Tetrahedra``, while rays walk through them; rays that begin at points need
         the tetrahedra around those."""
         around, listed = self.around() if from_points else (np.zeros(0, np.int64), np.zeros(0, np.int32))
-        table = TetraTable(self.corners, self.neighbours, self.planes(), self.points, around, listed)
+        table = TetraTable(self.corners, self.neighbours, self.points, around, listed)
         yield _by_reference(table)
 
 
@@ -76,7 +65,7 @@ class TetraTable(ctypes.Structure):
     """``struct Tetrahedra`` of ``native/csrc/mesh/tetra_rays.c``, which holds addresses only; keeps their arrays."""
 
     _fields_ = [
-        *((name, ctypes.c_void_p) for name in ("corner", "neighbour", "plane", "points", "around", "list")),
+        *((name, ctypes.c_void_p) for name in ("corner", "neighbour", "points", "around", "list")),
         ("count", ctypes.c_int64),
     ]
 

@@ -227,6 +227,18 @@ def test_gradients_outlive_their_graph_and_memory_is_used_again(monkeypatch):
     assert lasting_array(torch.float32, 3, 1000).data_ptr() == address
 
 
+def test_arrays_that_are_kept_for_later_are_let_go(monkeypatch):
+    monkeypatch.setattr(buffers, "_free", [])
+    used, spare = (lasting_array(torch.float32, 1000) for _ in range(2))
+    used.fill_(3)
+    del spare
+    buffers.release_buffers()
+    assert not buffers._free and buffers._returned.empty()
+    assert (used == 3).all()  # those in use stay
+    del used
+    assert len(lasting_array(torch.float32, 1000)) == 1000 and not buffers._free  # and serve again
+
+
 def test_error_map_receives_the_error_in_its_box():
     target = make(100, 300)
     frame = torch.zeros(100, 300)

@@ -8,22 +8,61 @@
 
 enum { ONE = 1024, PIECE = 256, MOST_CELLS = 3000 };
 
-// Tetrahedra [n]: corners, neighbours (opposite of each corner, -1 at the rim), outward planes of the faces opposite each.
+// Tetrahedra [n] of positive volume: corners and neighbours (opposite of each corner, -1 at the rim). Planes of faces are
+// worked out where a ray comes by: a table of them would take four times the memory of all that is here.
 typedef struct {
     const int32_t *corner, *neighbour;  // [n][4]
-    const double *plane;                // [n][4][4], unit normal and offset
     const double *points;               // [m][3]
     const int64_t *around;              // [m + 1] where the tetrahedra around each point begin in `list`
     const int32_t *list;
     int64_t count;
 } Tetrahedra;
 
+typedef double d4 __attribute__((vector_size(32)));
+
+// Of the four faces of a tetrahedron, each opposite of a corner: outward normals as long as twice the areas, and a corner.
+typedef struct {
+    d4 normal[3], corner[3];
+} Faces;
+
+static Faces faces_of(const Tetrahedra *t, int32_t c) {
+    const int32_t *v = t->corner + 4 * (int64_t)c;
+    Faces f;
+    d4 u[3], w[3];
+    for (int k = 0; k < 3; k++) {
+        const d4 x = {t->points[3 * (int64_t)v[0] + k], t->points[3 * (int64_t)v[1] + k], t->points[3 * (int64_t)v[2] + k],
+                      t->points[3 * (int64_t)v[3] + k]};
+        f.corner[k] = __builtin_shufflevector(x, x, 1, 0, 0, 0);
+        u[k] = __builtin_shufflevector(x, x, 2, 3, 1, 2) - f.corner[k];
+        w[k] = __builtin_shufflevector(x, x, 3, 2, 3, 1) - f.corner[k];
+    }
+    for (int k = 0; k < 3; k++) f.normal[k] = u[(k + 1) % 3] * w[(k + 2) % 3] - u[(k + 2) % 3] * w[(k + 1) % 3];
+    return f;
+}
+
+static d4 slopes(const Faces *f, const double *d) { return f->normal[0] * d[0] + f->normal[1] * d[1] + f->normal[2] * d[2]; }
+
+// Products of the normals with what leads from the faces to a point: how far it lies before them, times twice the areas.
+static d4 before(const Faces *f, const double *p) {
+    return f->normal[0] * (p[0] - f->corner[0]) + f->normal[1] * (p[1] - f->corner[1]) + f->normal[2] * (p[2] - f->corner[2]);
+}
+
+static d4 squared_lengths(const Faces *f) {
+    return f->normal[0] * f->normal[0] + f->normal[1] * f->normal[1] + f->normal[2] * f->normal[2];
+}
+
+// 1 / lengths of the normals.
+static d4 per_length(const Faces *f) {
+    const d4 square = squared_lengths(f);
+    d4 result;
+    for (int k = 0; k < 4; k++) result[k] = 1 / fmax(sqrt(square[k]), 1e-300);
+    return result;
+}
+
 static void add(int32_t *sum, double weight) {
     const int32_t whole = (int32_t)lrint(weight * ONE);
     if (whole) __atomic_fetch_add(sum, whole, __ATOMIC_RELAXED);
 }
-
-static double slope(const double *plane, const double *d) { return plane[0] * d[0] + plane[1] * d[1] + plane[2] * d[2]; }
 
 // The tetrahedron around point v that a ray from it enters, -1 for none; *only: its face opposite v.
 static int32_t entered(const Tetrahedra *t, int64_t v, const double *d, int *only) {
@@ -31,11 +70,13 @@ static int32_t entered(const Tetrahedra *t, int64_t v, const double *d, int *onl
     int32_t found = -1;
     for (int64_t r = t->around[v]; r < t->around[v + 1]; r++) {
         const int32_t c = t->list[r];
+        const Faces f = faces_of(t, c);
+        const d4 slope = slopes(&f, d) * per_length(&f);
         double worst = -INFINITY;
         int own = 0;
         for (int k = 0; k < 4; k++) {
             if (t->corner[4 * (int64_t)c + k] == v) own = k;
-            else worst = fmax(worst, slope(t->plane + 16 * (int64_t)c + 4 * k, d));
+            else worst = fmax(worst, slope[k]);
         }
         if (worst < best) best = worst, found = c, *only = own;
     }
@@ -44,13 +85,13 @@ static int32_t entered(const Tetrahedra *t, int64_t v, const double *d, int *onl
 
 // Through which face a ray leaves a tetrahedron (only this one if `only` is not -1), and how far along; -1 for none.
 static int leaves(const Tetrahedra *t, int32_t c, const double *p, const double *d, int only, double *far) {
+    const Faces f = faces_of(t, c);
+    const d4 slope = slopes(&f, d), least = 1e-24 * squared_lengths(&f), at = -before(&f, p) / slope;
     int face = -1;
     *far = INFINITY;
     for (int k = 0; k < 4; k++) {
-        const double *plane = t->plane + 16 * (int64_t)c + 4 * k, s = slope(plane, d);
-        if (s <= 1e-12 || (only >= 0 && only != k)) continue;
-        const double at = -(slope(plane, p) + plane[3]) / s;
-        if (at < *far) *far = at, face = k;
+        if (!(slope[k] > 0 && slope[k] * slope[k] > least[k]) || (only >= 0 && only != k)) continue;
+        if (at[k] < *far) *far = at[k], face = k;
     }
     return face;
 }
@@ -78,9 +119,9 @@ MGF_API void mgf_cast_rays(int32_t *next, int64_t n, const Tetrahedra *t, const 
                     add(free + c, weight[r]);
                     break;
                 }
+                const double off = far * far / (2 * soft * soft), share = off < 38 ? 1 - exp(-off) : 1;  // the same number
                 for (int q = 0; q < 4; q++)
-                    if (t->neighbour[4 * (int64_t)m + q] == c)
-                        add(face + 4 * (int64_t)m + q, weight[r] * (1 - exp(-far * far / (2 * soft * soft))));
+                    if (t->neighbour[4 * (int64_t)m + q] == c) add(face + 4 * (int64_t)m + q, weight[r] * share);
                 c = m;
             }
             if (!(behind[r] > 0)) continue;
@@ -100,12 +141,12 @@ MGF_API void mgf_cast_rays(int32_t *next, int64_t n, const Tetrahedra *t, const 
 // The tetrahedron that holds a point, by a walk from another; -1 if it lies outside of all.
 static int32_t locate(const Tetrahedra *t, int32_t c, const double *p) {
     for (int step = 0; step < MOST_CELLS; step++) {
+        const Faces f = faces_of(t, c);
+        const d4 off = before(&f, p) * per_length(&f);
         int worst = -1;
         double most = 1e-12;
-        for (int k = 0; k < 4; k++) {
-            const double *plane = t->plane + 16 * (int64_t)c + 4 * k, off = slope(plane, p) + plane[3];
-            if (off > most) most = off, worst = k;
-        }
+        for (int k = 0; k < 4; k++)
+            if (off[k] > most) most = off[k], worst = k;
         if (worst < 0) return c;
         c = t->neighbour[4 * (int64_t)c + worst];
         if (c < 0) return -1;
@@ -145,6 +186,8 @@ MGF_API void mgf_pull_rays(int32_t *next, int64_t n, const Tetrahedra *t, const 
     }
 }
 
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
 /* result [n]: whether views call points [n][3] outside: at least `least` of them, and at least `share` of those that have
    the point in their frame. distance [views][height][width]: how far pixels lie outside of the mask, in eighths of a
    pixel, 255 for more; beyond `margin` px is outside. size [views][2]: width and height of each frame. */
@@ -157,9 +200,9 @@ MGF_API void mgf_find_outside(int32_t *next, int64_t n, const double *points, co
             const double *x = points + 3 * i;
             int64_t outside = 0, framed = 0;
             for (int64_t v = 0; v < views; v++) {
-                const double *p = projection + 12 * v, w = slope(p + 8, x) + p[11];
+                const double *p = projection + 12 * v, w = dot(p + 8, x) + p[11];
                 if (w <= 0) continue;
-                const double a = (slope(p, x) + p[3]) / w, b = (slope(p + 4, x) + p[7]) / w;
+                const double a = (dot(p, x) + p[3]) / w, b = (dot(p + 4, x) + p[7]) / w;
                 if (!(a >= 0 && b >= 0 && a < size[2 * v] && b < size[2 * v + 1])) continue;
                 framed++;
                 outside += distance[(v * height + (int64_t)b) * width + (int64_t)a] > beyond;
