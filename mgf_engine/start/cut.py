@@ -104,7 +104,7 @@ def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array
 def _cast_rays(
     views: StartViews, shape: Tetrahedra, evidence: Evidence, o: CutOptions
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Cast the points' rays (kernel ``mgf_cast_rays``).
+    """Cast the points' rays (kernel ``mgf_tetra_rays``).
 
     Returns:
         Weights in units of 1 / ``ONE``: of the tetrahedra with a view [T], of those behind a point [T], and of the
@@ -118,7 +118,7 @@ def _cast_rays(
     face = np.zeros((len(shape.corners), 4), np.int32)
     with shape.walkable(from_points=True) as table:
         parallel(
-            "mgf_cast_rays", len(point), table, point, view, views.centres, weight, behind,
+            "mgf_tetra_rays", len(point), table, point, view, views.centres, weight, behind,
             float(o.soft * views.pixel), float(o.depth * views.pixel), free, solid, face,
         )  # fmt: skip
     return free, solid, face
@@ -139,7 +139,7 @@ def _well_inside(views: StartViews, points: Array, number: NDArray[np.int32], ma
 def _pull_uncovered(
     views: StartViews, shape: Tetrahedra, shut: NDArray[np.bool_], mesh: Mesh, box: tuple[Array, Array], o: CutOptions
 ) -> NDArray[np.int32]:
-    """Weigh the tetrahedra on the rays of mask pixels that a surface leaves uncovered (kernel ``mgf_pull_rays``).
+    """Weigh the tetrahedra on the rays of mask pixels that a surface leaves uncovered (kernel ``mgf_tetra_pull``).
 
     Args:
         views: cameras and masks.
@@ -156,7 +156,7 @@ def _pull_uncovered(
     pulled = np.zeros(len(shut), np.int32)
     with shape.walkable() as table:
         parallel(
-            "mgf_pull_rays", len(origin), table, origin, direction, shut.astype(np.uint8), float(o.cover),
+            "mgf_tetra_pull", len(origin), table, origin, direction, shut.astype(np.uint8), float(o.cover),
             float(o.short * views.pixel), pulled,
         )  # fmt: skip
     log.info("start: %d mask pixels uncovered at first", len(origin))

@@ -134,7 +134,7 @@ def test_rays_pass_the_cells_that_the_twin_finds(shape: Tetrahedra, variant: Non
             one = np.ones(1, np.float32)
             with shape.walkable(from_points=True) as table:
                 parallel(
-                    "mgf_cast_rays", 1, table, np.array([point], np.int32), np.array([number], np.int32),
+                    "mgf_tetra_rays", 1, table, np.array([point], np.int32), np.array([number], np.int32),
                     centres, one, 0 * one, 0.1, 0.2, free, solid, face,
                 )  # fmt: skip
             cell, passed = reference.cast_ray(shape, int(point), centre, 0.1)
@@ -154,7 +154,7 @@ def test_what_lies_behind_a_point_is_inside(shape: Tetrahedra, variant: None) ->
     one = np.ones(1, np.float32)
     with shape.walkable(from_points=True) as table:
         parallel(
-            "mgf_cast_rays", 1, table, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
+            "mgf_tetra_rays", 1, table, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
             0.1, 0.05, np.zeros_like(solid), solid, face,
         )  # fmt: skip
     planes = reference.face_planes(shape)
@@ -169,9 +169,9 @@ def test_pulled_rays_share_their_weight_by_length(shape: Tetrahedra, variant: No
     long, short = np.zeros(len(shut), np.int32), np.zeros(len(shut), np.int32)
     outside = np.zeros(len(shut), np.int32)
     with shape.walkable() as table:
-        parallel("mgf_pull_rays", 1, table, start, direction, shut, 0.5, 10.0, long)
-        parallel("mgf_pull_rays", 1, table, start, direction, shut, 0.5, 1e-3, short)
-        parallel("mgf_pull_rays", 1, table, start + 9, direction, shut, 0.5, 10.0, outside)
+        parallel("mgf_tetra_pull", 1, table, start, direction, shut, 0.5, 10.0, long)
+        parallel("mgf_tetra_pull", 1, table, start, direction, shut, 0.5, 1e-3, short)
+        parallel("mgf_tetra_pull", 1, table, start + 9, direction, shut, 0.5, 10.0, outside)
     assert abs(int(long.sum()) - 512) < 4
     assert short.sum() < 4
     assert not outside.any()

@@ -99,7 +99,7 @@ static int leaves(const Tetrahedra *t, int32_t c, const double *p, const double 
 /* Adds what rays say: from points [r] to camera centres [views][3] with `weight` [r], less near the point (within
    `soft`); what lies `depth` behind it is inside with `behind` [r]. free [n]: the cell of the camera; solid [n];
    face [n][4]: cost of the cell being outside while its neighbour, nearer to the point, is inside. */
-MGF_API void mgf_cast_rays(int32_t *next, int64_t n, const Tetrahedra *t, const int32_t *point, const int32_t *view,
+MGF_API void mgf_tetra_rays(int32_t *next, int64_t n, const Tetrahedra *t, const int32_t *point, const int32_t *view,
                             const double *centres, const float *weight, const float *behind, float soft, float depth,
                             int32_t *free, int32_t *solid, int32_t *face) {
     for (int64_t piece = take_work(next); piece * PIECE < n; piece = take_work(next)) {
@@ -156,7 +156,7 @@ static int32_t locate(const Tetrahedra *t, int32_t c, const double *p) {
 
 /* Pulls what lies along rays [n] (start, direction [n][3]) and is not `shut` [cells] inside: `weight`, shared by length. A
    ray that runs through more than `length` of it hardly says which part is inside, and counts less. */
-MGF_API void mgf_pull_rays(int32_t *next, int64_t n, const Tetrahedra *t, const double *start, const double *direction,
+MGF_API void mgf_tetra_pull(int32_t *next, int64_t n, const Tetrahedra *t, const double *start, const double *direction,
                             const uint8_t *shut, float weight, float length, int32_t *solid) {
     for (int64_t piece = take_work(next); piece * PIECE < n; piece = take_work(next)) {
         int32_t at = 0;
