@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 from mgf_engine.algorithms import algorithms_schema
 from mgf_engine.cli_arguments import parse_arguments
 from mgf_engine.config import option_fields, options_schema, renamed_values
-from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
+from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput, explain
+from mgf_engine.job_folder import remove_refused
 from mgf_engine.messages import Reporter
 from mgf_engine.option_input import option_pairs, read_config
 from mgf_engine.option_list import algorithms_text, options_text
@@ -103,6 +104,7 @@ def _job_command(args: argparse.Namespace) -> int:
     """Run a job up to the stage that the command names; returns the exit code."""
     reporter = Reporter(make_sink(args.progress))
     log_path: Path | None = None
+    new = not args.out.exists()
     try:
         job = _open_job(args)
         with job:
@@ -115,7 +117,11 @@ def _job_command(args: argparse.Namespace) -> int:
             run_job(job, reporter, until=STAGE_NAMES[-1] if args.command == "reconstruct" else args.command)
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
-        return _fail(reporter, error, log_path)
+        code = _fail(reporter, error, log_path)
+        if new and code == EXIT_BAD_INPUT:  # the sentence said all there is to know
+            _close_log()
+            remove_refused(args.out)
+        return code
 
 
 def _open_job(args: argparse.Namespace) -> Job:
@@ -146,13 +152,19 @@ def _log_to(path: Path) -> Path:
     log = logging.getLogger("mgf")
     log.setLevel(logging.INFO)
     log.propagate = False
-    for old in list(log.handlers):
-        log.removeHandler(old)
-        old.close()
+    _close_log()
     handler = logging.FileHandler(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     log.addHandler(handler)
     return path
+
+
+def _close_log() -> None:
+    """Write no log from now on."""
+    log = logging.getLogger("mgf")
+    for old in list(log.handlers):
+        log.removeHandler(old)
+        old.close()
 
 
 def _options_command(args: argparse.Namespace) -> int:

@@ -45,6 +45,13 @@ class Parser(argparse.ArgumentParser):
         self.commands[name] = self._group.add_parser(name, help=help, **given), help
         return self.commands[name][0]
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse an unknown command by the name of the one that was probably meant, not by a list of all."""
+        if action.dest == "command" and value not in self.commands:
+            likely = difflib.get_close_matches(str(value), self.commands, n=1)
+            self.error(f"there is no command '{value}'{f', did you mean {likely[0]}' if likely else ''}")
+        super()._check_value(action, value)
+
     def error(self, message: str) -> NoReturn:
         self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; '{self.prog} --help' lists all.\n")
 

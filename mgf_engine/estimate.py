@@ -93,8 +93,8 @@ def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
         paths = [root / name for name in names]
         if len(paths) < FEWEST:
             raise BadInput(
-                f"'{root}' holds no COLMAP model and {len(paths)} photos; "
-                f"give a COLMAP scene or at least {FEWEST} photos."
+                f"'{root}' holds no COLMAP model and too few photos ({len(paths)}); give a COLMAP scene or at least "
+                f"{FEWEST} photos."
             )
     else:
         paths = find_photos(photo_names(model), model, source, exclude)

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -175,6 +176,16 @@ def check_folder(folder: Path, source: Path, resume: bool) -> None:
 def _did_nothing(folder: Path) -> bool:
     """Tell whether the job in the folder was refused before it had done anything: nothing can be lost there."""
     return not read_job(folder)["stages"] and all(p.name in _OF_A_REFUSED_JOB for p in folder.iterdir())
+
+
+def remove_refused(folder: Path) -> None:
+    """Remove a job's folder again, if the job was refused before it had done anything."""
+    with suppress(BadInput, OSError):
+        if not (folder / "job.json").exists():  # refused before it was written
+            (folder / ".lock").unlink(missing_ok=True)
+            folder.rmdir()
+        elif _did_nothing(folder):
+            shutil.rmtree(folder)
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -19,7 +19,7 @@ from mgf_engine.masks.prompts import check_prompts, no_clicks
 from mgf_engine.masks.user_masks import no_mask_fits
 from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
 from mgf_engine.messages import Reporter
-from mgf_engine.scene.colmap import list_photos
+from mgf_engine.scene.colmap import find_model, find_photos, list_photos, photo_names
 from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
 from mgf_engine.system import cores, cpu_seconds, release_memory
 from mgf_engine.terminal import duration
@@ -141,19 +141,19 @@ def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Repo
 
 
 def _check_guidance(job: Job, photos: Photos) -> None:
-    """Refuse masks of no photo, and wrong clicks, before the cameras are found.
-
-    Clicks on photos of a model are checked with the masks.
-    """
+    """Refuse masks of no photo, and wrong clicks, before photos are read and cameras found."""
     if job.masks is not None and not job.inputs.masks and job.inputs.names:
         raise no_mask_fits(job.masks, job.inputs.names[0])
     if job.masks is not None or job.inputs.clicks is None:
         return
-    files = None
-    if not photos.placed:
+    model = find_model(job.source, job.folder) if photos.placed else None
+    if model is not None:
+        names = photo_names(model)
+        files = dict(zip(names, find_photos(names, model, job.source, job.folder), strict=True))
+    else:
         root, names = list_photos(job.source, job.folder)
         files = {name: root / name for name in names}
-    check_prompts(job.inputs.clicks, files)
+    check_prompts(job.inputs.clicks, files, placed=photos.placed)
 
 
 def _with_masks(job: Job, photos: Photos) -> Photos:

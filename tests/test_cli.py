@@ -72,7 +72,14 @@ def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args,
     run = mgf("reconstruct", *filled, "--out", tmp_path / "job", "--progress", "json")
     assert run.returncode == 2
     assert part in failed_sentence(run)
-    assert not (tmp_path / "job" / "mesh.ply").exists()
+    assert not (tmp_path / "job").exists()
+
+
+def test_a_folder_that_was_there_before_is_left_with_its_log(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "job").mkdir()
+    assert mgf("scene", tmp_path / "photos", "--out", tmp_path / "job").returncode == 2
+    assert (tmp_path / "job" / "log.txt").is_file()
 
 
 @pytest.mark.parametrize("style", ["none", "plain", "auto"])
@@ -84,8 +91,9 @@ def test_what_is_wrong_is_said_however_little_progress_is_shown(tmp_path: Path, 
 
 def test_a_folder_in_place_of_the_log_is_named(tmp_path: Path, capsys) -> None:
     (tmp_path / "photos").mkdir()
+    (tmp_path / "job").mkdir()
     args = ["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job"), "--progress", "plain"]
-    assert main(args) == 2  # no photos, but a job folder
+    assert main(args) == 2  # no photos
     (tmp_path / "job" / "log.txt").unlink()
     (tmp_path / "job" / "log.txt").mkdir()
     assert main(args) == 2
@@ -317,7 +325,11 @@ def _flags_in_help(parser: Parser) -> str:
         ([], "Error: The following arguments are required: COMMAND; 'mgf --help' lists all."),
         (["reconstruct", "scene"], "are required: --out; 'mgf reconstruct --help' lists all."),
         (["town", "scene", "--out", "town", "--cores", "all"], "invalid int value: 'all'"),
-        (["rekonstruct"], "invalid choice: 'rekonstruct'"),
+        (
+            ["rekonstruct"],
+            "Error: There is no command 'rekonstruct', did you mean reconstruct; 'mgf --help' lists all.",
+        ),
+        (["xyzzy"], "Error: There is no command 'xyzzy'; 'mgf --help' lists all."),
     ],
 )
 def test_a_mistake_in_the_arguments_is_one_sentence(args, said, capsys) -> None:

@@ -204,7 +204,20 @@ def test_a_job_without_clicks_is_refused_before_the_cameras_are_found(house: Hou
     assert main(["reconstruct", str(house.folder), "--out", str(tmp_path / "job"), "--progress", "json"]) == 2
     messages = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert messages[-1]["text"].startswith("There are no clicks on the building; give --prompts FILE")
-    assert not any(m["type"] == "stage" for m in messages)
+    assert not any(m["type"] == "stage" for m in messages) and not (tmp_path / "job").exists()
+
+
+@pytest.mark.parametrize(("photo", "click", "part"), [("IMG_1", [5, 5], "does not have"), (None, [9999, 5], "outside")])
+def test_wrong_clicks_are_refused_before_the_photos_are_read(
+    house: House, tmp_path: Path, capsys, photo: str | None, click: list[int], part: str
+) -> None:
+    name = photo or next(iter(json.loads(house.prompts.read_text())))
+    (tmp_path / "wrong.json").write_text(json.dumps({name: {"positive": [click]}}))
+    arguments = ["masks", str(house.folder), "--prompts", str(tmp_path / "wrong.json"), "--out", str(tmp_path / "job")]
+    assert main([*arguments, "--progress", "json"]) == 2
+    messages = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert part in messages[-1]["text"] and not any(m["type"] == "stage" for m in messages)
+    assert not (tmp_path / "job").exists()
 
 
 def test_a_job_says_first_what_it_will_take(house: House, tmp_path: Path, capsys) -> None:

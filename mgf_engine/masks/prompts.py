@@ -115,19 +115,22 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
     return prompts
 
 
-def check_prompts(given: PromptsFile, photos: Mapping[str, Path] | None = None) -> None:
+def check_prompts(given: PromptsFile, photos: Mapping[str, Path], *, placed: bool = False) -> None:
     """Check what can be checked of a prompts file before the cameras are found.
 
     Args:
         given: the file.
-        photos: name -> file of every photo; None where names and sizes are left to :func:`read_prompts`.
+        photos: name -> file of every photo.
+        placed: the photos are those of a model, beside which others may lie whose clicks do not count.
 
     Raises:
         BadInput: as :func:`read_prompts` does.
     """
-    clicks_on_building = 0
+    clicks_on_building, names = 0, [name.replace("\\", "/") for name in photos]
+    files = list(photos.values())
     for name, entry in _read_json(given).items():
-        size = None if photos is None else _size_of(photos[list(photos)[_find_photo(name, list(photos), given.path)]])
+        beside = placed and _lies_beside(name, dict(zip(names, files, strict=True)))
+        size = None if beside else _size_of(files[_find_photo(name, names, given.path)], placed)
         for kind, title, values in _lists_of(entry, f"'{name}' in '{given.path}'"):
             pairs = _read_pairs(values, title)
             clicks_on_building += len(pairs) * (kind == "positive")
@@ -137,12 +140,19 @@ def check_prompts(given: PromptsFile, photos: Mapping[str, Path] | None = None) 
         raise _none_on_building(given.path)
 
 
-def _size_of(photo: Path) -> tuple[int, int] | None:
-    """Return the size of a photo as it is shown; None where it cannot be read, which the scene stage says."""
+def _size_of(photo: Path, placed: bool) -> tuple[int, int] | None:
+    """Return the size of a photo as it is shown; None where it cannot be read, which the scene stage says.
+
+    Whether the photos of a model are turned as EXIF says is the scene stage's to find: only what lies outside either
+    way is wrong already.
+    """
     try:
-        return read_info(photo).turned_size
+        info = read_info(photo)
     except UnreadablePhoto:
         return None
+    if placed and info.turned_size != (info.width, info.height):
+        return max(info.turned_size), max(info.turned_size)
+    return info.turned_size
 
 
 def clicked_names(given: Path | PromptsFile | None) -> list[str]:
@@ -201,10 +211,15 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _is_unplaced(name: str, scene: Scene) -> bool:
     """Tell whether a photo lies beside those of the scene without being among them."""
+    return _lies_beside(name, {view.name: Path(view.photo) for view in scene.views if view.photo})
+
+
+def _lies_beside(name: str, photos: Mapping[str, Path]) -> bool:
+    """Tell whether a photo lies beside others (name -> file) without being one of them."""
     relative = PurePosixPath(name.replace("\\", "/"))
-    if named_like(name, [view.name for view in scene.views]) or relative.is_absolute() or ".." in relative.parts:
+    if named_like(name, list(photos)) or relative.is_absolute() or ".." in relative.parts:
         return False
-    roots = {Path(v.photo).parents[len(PurePosixPath(v.name).parts) - 1] for v in scene.views if v.photo}
+    roots = {file.parents[len(PurePosixPath(other).parts) - 1] for other, file in photos.items()}
     return any(os.path.isfile(root / relative) for root in roots)  # False also for names that no system allows
 
 

@@ -196,9 +196,11 @@ def _orientation(info: PhotoInfo, camera: SparseCamera, image: SparseImage, path
     stored = _same_shape((info.width, info.height), camera)
     turned = info.orientation != 1 and _same_shape(info.turned_size, camera)
     if not stored and not turned:
+        turned_since = _same_shape((info.height, info.width), camera)
         raise BadInput(
             f"The photo '{path}' is {info.width} x {info.height} pixels but its camera {camera.width} x "
-            f"{camera.height}; use the photos the COLMAP model was made from."
+            f"{camera.height}{', as if it was turned since' if turned_since else ''}; use the photos the COLMAP model "
+            "was made from."
         )
     if stored and turned:
         return _orientation_by_color(info, camera, image, path, colors)

@@ -80,7 +80,8 @@ def reconstruct(
     names = list(photos)
     if len(names) < FEWEST:
         raise BadInput(
-            f"'{root}' holds no COLMAP model and {len(names)} photos; give a COLMAP scene or at least {FEWEST} photos."
+            f"'{root}' holds no COLMAP model and too few photos ({len(names)}); give a COLMAP scene or at least "
+            f"{FEWEST} photos."
         )
     sizes = [_size_of(root / name, info) for name, info in photos.items()]
     task = {

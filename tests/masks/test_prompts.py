@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
@@ -126,9 +127,36 @@ def test_bad_files_are_refused_before_there_is_a_scene(tmp_path: Path, scene: Sc
 
 def test_good_clicks_pass_before_there_is_a_scene(tmp_path: Path):
     path = write(tmp_path, {"unplaced.jpg": {"positive": [[1, 1]], "parts": {"door": [[2, 2]]}}})
-    check_prompts(PromptsFile.read(path))
+    write_png(tmp_path / "unplaced.jpg", np.zeros((4, 4, 3), np.uint8))
+    check_prompts(PromptsFile.read(path), {"unplaced.jpg": tmp_path / "unplaced.jpg"})
+    for placed in (False, True):
+        with pytest.raises(BadInput, match="does not have"):
+            check_prompts(PromptsFile.read(path), {"other.jpg": tmp_path / "photos" / "other.jpg"}, placed=placed)
+
+
+def test_clicks_on_a_photo_beside_the_model_pass_before_there_is_a_scene(tmp_path: Path):
+    """It could not be placed; the masks stage says that its clicks are ignored."""
+    path = write(tmp_path, {"beside.png": {"positive": [[1, 1]]}})
+    write_png(tmp_path / "beside.png", np.zeros((4, 4, 3), np.uint8))
+    photos = {"other.jpg": tmp_path / "other.jpg"}
+    check_prompts(PromptsFile.read(path), photos, placed=True)
     with pytest.raises(BadInput, match="does not have"):
-        check_prompts(PromptsFile.read(path), {"other.jpg": tmp_path / "other.jpg"})
+        check_prompts(PromptsFile.read(path), photos)
+
+
+@pytest.mark.parametrize(("orientation", "fine", "wrong"), [(1, [39, 1], [1, 39]), (6, [1, 39], [41, 41])])
+def test_clicks_outside_a_photo_of_a_model_are_refused_before_there_is_a_scene(
+    tmp_path: Path, orientation: int, fine: list[int], wrong: list[int]
+):
+    """How a model's photo was turned, the scene stage finds; before it only what is outside either way is wrong."""
+    image = Image.new("RGB", (40, 30))
+    exif = image.getexif()
+    exif[274] = orientation
+    image.save(tmp_path / "a.jpg", exif=exif.tobytes())
+    photos = {"a.jpg": tmp_path / "a.jpg"}
+    check_prompts(PromptsFile.read(write(tmp_path, {"a.jpg": {"positive": [fine]}})), photos, placed=True)
+    with pytest.raises(BadInput, match="outside the photo"):
+        check_prompts(PromptsFile.read(write(tmp_path, {"a.jpg": {"positive": [wrong]}})), photos, placed=True)
 
 
 def test_clicks_on_a_damaged_photo_pass_before_there_is_a_scene(tmp_path: Path):

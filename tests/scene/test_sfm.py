@@ -146,7 +146,7 @@ def test_too_few_photos(count: int, photos: Path, tmp_path: Path) -> None:
     for i in range(count):
         (tmp_path / "few").mkdir(exist_ok=True)
         shutil.copy(photos / f"view {i}.png", tmp_path / "few")
-    with pytest.raises(BadInput, match=f"no COLMAP model and {count} photos"):
+    with pytest.raises(BadInput, match=rf"no COLMAP model and too few photos \({count}\)"):
         load(tmp_path / "few", tmp_path / "job")
 
 
