@@ -329,7 +329,7 @@ def _flags_in_help(parser: Parser) -> str:
             ["rekonstruct"],
             "Error: There is no command 'rekonstruct', did you mean reconstruct; 'mgf --help' lists all.",
         ),
-        (["xyzzy"], "Error: There is no command 'xyzzy'; 'mgf --help' lists all."),
+        (["xyzzy"], "no command 'xyzzy'; 'mgf --help' lists all."),
     ],
 )
 def test_a_mistake_in_the_arguments_is_one_sentence(args, said, capsys) -> None:

@@ -234,7 +234,7 @@ def _all_gone(source: Path) -> None:
         (_no_photo, "1 of 5 photos"),
         (_photo_is_a_folder, "1 of 5 photos"),
         (_half_model, "cut off or damaged"),
-        (_all_gone, "no COLMAP model and too few photos (0)"),
+        (_all_gone, "no COLMAP model and too few photos"),
     ],
 )
 def test_bad_input_leaves_nothing(spoil: Callable[[Path], None], message: str, source: Path, tmp_path: Path) -> None:
