@@ -19,7 +19,8 @@ from mgf_engine.native.parallel import parallel_map
 
 FREE, SOLID, INVALID = 0, 1, 2
 NEAR_ENOUGH = 0.02  # signed distance at which the search for the level ends
-PIECES = 8  # ranges of points whose edges are numbered side by side
+PIECE_BITS = 5  # edges are numbered in 2^5 pieces, those of some threads at a time
+CHUNK = 1 << 19  # tetrahedra or quadrilaterals that are looked at together, which bounds the memory
 LEAST_STEP = 0.05  # share of what is left of a segment by which each try shortens it at least
 
 
@@ -61,46 +62,66 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
         state: uint8 [M], FREE, SOLID or INVALID; tetrahedra with an invalid corner are left out.
         points: float64 [M, 3]; quadrilaterals are cut along the shorter diagonal of their middle points.
     """
-    code, crossing = np.zeros(len(tetrahedra), np.uint8), np.ones(len(tetrahedra), bool)
-    for k in range(4):  # corner by corner: all at once would take several times the memory of the tetrahedra
+    kinds: tuple[list[NDArray[np.int32]], ...] = ([], [], [])  # with one, two and three solid corners
+    for begin in range(0, len(tetrahedra), CHUNK):
+        ordered, solid = _crossing(tetrahedra[begin : begin + CHUNK], state)
+        for count, kind in enumerate(kinds, 1):
+            kind.append(ordered[solid == count])
+    del tetrahedra  # the largest array of the mesh stage; nobody else holds it
+    one, two, three = (np.concatenate([np.zeros((0, 4), np.int32), *kind]) for kind in kinds)
+    del kinds
+    triangles = [one[:, [0, 1, 0, 2, 0, 3]].reshape(-1, 3, 2), three[:, [0, 3, 1, 3, 2, 3]].reshape(-1, 3, 2)]
+    triangles += _cut(two[:, [0, 2, 0, 3, 1, 3, 1, 2]].reshape(-1, 4, 2), points)
+    del one, two, three
+    return _number(triangles, len(state))
+
+
+def _crossing(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Return those with solid and free corners, solid ones first, [C, 4], and how many are solid, [C]."""
+    code, kept = np.zeros(len(tetrahedra), np.uint8), np.ones(len(tetrahedra), bool)
+    for k in range(4):
         corner = state[tetrahedra[:, k]]
         code |= (corner == SOLID).astype(np.uint8) << k
-        crossing &= corner != INVALID
-    crossing &= (code > 0) & (code < 15)
-    code = code[crossing]
-    ordered = np.take_along_axis(tetrahedra[crossing], _ORDER[code], 1)
-    del tetrahedra, crossing  # the largest arrays of the mesh stage; nobody else holds them
-    a, b, c, d = ordered[np.bitwise_count(code) == 1].T
-    one = np.stack([a, b, a, c, a, d], 1).reshape(-1, 3, 2)
-    a, b, c, d = ordered[np.bitwise_count(code) == 3].T
-    three = np.stack([a, d, b, d, c, d], 1).reshape(-1, 3, 2)
-    a, b, c, d = ordered[np.bitwise_count(code) == 2].T
-    quads = np.stack([a, c, a, d, b, d, b, c], 1).reshape(-1, 4, 2)
-    return _number(np.concatenate([one, three, _cut(quads, points)]), len(state))
+        kept &= corner != INVALID
+    kept &= (code > 0) & (code < 15)
+    code = code[kept]
+    return np.take_along_axis(tetrahedra[kept], _ORDER[code], 1), np.bitwise_count(code)
 
 
-def _cut(quads: NDArray[np.int32], points: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Cut each quadrilateral of edges into two triangles, [Q, 4, 2] -> [2 Q, 3, 2]."""
-    middle = points[quads].mean(2)
-    first = np.linalg.norm(middle[:, 0] - middle[:, 2], axis=1)
-    turn = first > np.linalg.norm(middle[:, 1] - middle[:, 3], axis=1)
-    turned = np.where(turn[:, None, None], np.roll(quads, -1, axis=1), quads)
-    return np.concatenate([turned[:, [0, 1, 2]], turned[:, [0, 2, 3]]])
+def _cut(quads: NDArray[np.int32], points: NDArray[np.float64]) -> list[NDArray[np.int32]]:
+    """Cut each quadrilateral of edges into two triangles, [Q, 4, 2] -> two arrays [Q, 3, 2]."""
+    turn = np.zeros(len(quads), bool)
+    for begin in range(0, len(quads), CHUNK):
+        middle = points[quads[begin : begin + CHUNK]].mean(2)
+        first = np.linalg.norm(middle[:, 0] - middle[:, 2], axis=1)
+        turn[begin : begin + CHUNK] = first > np.linalg.norm(middle[:, 1] - middle[:, 3], axis=1)
+    quads[turn] = np.roll(quads[turn], -1, axis=1)
+    return [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
 
 
-def _number(triangles: NDArray[np.int32], count: int) -> Crossing:
-    """Give each distinct edge (solid, free) of triangles [F, 3, 2] one number."""
-    key = (triangles[..., 0].astype(np.int64) * count + triangles[..., 1]).ravel()
-    limits = np.linspace(0, count, PIECES + 1).astype(np.int64) * count
+def _number(triangles: list[NDArray[np.int32]], count: int) -> Crossing:
+    """Give each distinct edge (solid, free) of triangles, arrays [F, 3, 2] that are used up, one number.
 
-    def distinct(piece: int) -> tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.intp]]:
-        place = np.flatnonzero((key >= limits[piece]) & (key < limits[piece + 1]))
+    Edges are sorted piece after piece of their solid points: all at once would take several times the memory.
+    """
+    shift, ends = max(0, count.bit_length() - PIECE_BITS), np.cumsum([0, *(3 * len(part) for part in triangles)])
+    key, piece = np.empty(ends[-1], np.int64), np.empty(ends[-1], np.uint8)
+    for end in ends[:0:-1]:
+        edges = triangles.pop().reshape(-1, 2)
+        rows = slice(end - len(edges), end)
+        piece[rows] = edges[:, 0] >> shift
+        np.multiply(edges[:, 0], count, out=key[rows], dtype=np.int64)
+        key[rows] += edges[:, 1]
+
+    def distinct(number: int) -> tuple[NDArray[np.intp], NDArray[np.int64], NDArray[np.intp]]:
+        place = np.flatnonzero(piece == number)
         return place, *np.unique(key[place], return_inverse=True)
 
-    unique, corner = [np.zeros(0, np.int64)], np.empty(len(key), np.int32)
-    for place, found, inverse in parallel_map(distinct, range(PIECES)):
-        corner[place] = inverse + sum(map(len, unique))
-        unique.append(found)
+    unique, corner, found = [np.zeros(0, np.int64)], np.empty(len(key), np.int32), 0
+    for place, keys, inverse in parallel_map(distinct, range(1 << PIECE_BITS)):
+        corner[place] = inverse + found
+        unique.append(keys)
+        found += len(keys)
     edges = np.stack(np.divmod(np.concatenate(unique), max(count, 1)), 1).astype(np.int32)
     return Crossing(edges, corner.reshape(-1, 3))
 
