@@ -77,6 +77,8 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         BadInput: somebody does, or the folder cannot be locked.
     """
+    if folder.is_file():
+        raise BadInput(f"'{folder}' is a file; give the job's folder.")
     lock = FileLock(str(folder.resolve() / ".lock"))
     acquire(lock, folder)
     try:
@@ -159,13 +161,13 @@ def check_folder(folder: Path, source: Path, resume: bool) -> None:
     Raises:
         BadInput: it is the scene itself, or holds something else; or the job is not to be resumed.
     """
-    if _same(folder, source):
+    if same_folder(folder, source):
         raise BadInput("The output folder is the scene itself; give another folder.")
     if (folder / "job.json").exists():
         if _did_nothing(folder):
             return
         other = Path(read_job(folder)["source"])
-        if not _same(other, source):
+        if not same_folder(other, source):
             raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
         if not resume:
             raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
@@ -188,7 +190,7 @@ def remove_refused(folder: Path) -> None:
             shutil.rmtree(folder)
 
 
-def _same(one: Path, other: Path) -> bool:
+def same_folder(one: Path, other: Path) -> bool:
     """Tell whether two paths are one folder, also where the case of letters does not count or a drive has two names."""
     try:
         return one == other or os.path.samefile(one, other)

@@ -52,7 +52,8 @@ def frame_scene(
         space = area.spaces.active
         space.region_3d.view_location = middle.tolist()
         space.region_3d.view_distance = 2.6 * reach  # the sidebar lies over a quarter of the view
-        if side is not None:
+        if side is not None:  # a front takes more of the width
+            space.region_3d.view_distance = 3.0 * reach
             space.region_3d.view_rotation = Vector(side.tolist()).to_track_quat("Z", "Y")
         space.clip_start = min(space.clip_start, 1e-3 * reach)
         space.clip_end = max(space.clip_end, 100.0 * reach)

@@ -13,6 +13,7 @@ from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.memory import GB
 from mgf_engine.messages import Reporter
 from mgf_engine.terminal import duration, make_sink
+from mgf_engine.town.folder import town_folder
 from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan
 from mgf_engine.town.plan_files import read_plan
 
@@ -50,7 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def buildings_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
     """Make the plan, write it, and say what was found."""
-    plan = plan_town(args, given, Reporter(make_sink("auto")))
+    with town_folder(args.out, args.scene):
+        plan = plan_town(args, given, Reporter(make_sink("auto")))
     print(table(plan))
     rows = [row for row in read_plan(args.out)["buildings"] if (args.out / BUILDINGS / row["id"] / ONE).is_file()]
     if rows:

@@ -20,6 +20,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.terminal import duration, make_sink
 from mgf_engine.town.command import add_arguments as add_plan_arguments
 from mgf_engine.town.command import plan_town, time_and_memory
+from mgf_engine.town.folder import town_folder
 from mgf_engine.town.footprints import TOWN
 from mgf_engine.town.page import write_page
 from mgf_engine.town.plan import BUILDINGS
@@ -66,8 +67,7 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
         BadInput: as the plan; Snakemake is not installed or cannot run.
     """
     executor = _check(args)
-    args.out.mkdir(parents=True, exist_ok=True)
-    with _one_town(args.out), _stoppable():
+    with town_folder(args.out, args.scene), _one_town(args.out), _stoppable():
         if executor.name == SLURM and (left := cancel_jobs(args.out)):
             print(f"{left} jobs of an earlier run were ended; they go on where they were.", file=sys.stderr)
         plan = plan_town(args, given, Reporter(make_sink("auto")))
