@@ -24,7 +24,8 @@ from mgf_engine.drawings.quantities import (
     write_csv,
 )
 from mgf_engine.drawings.regions import survey_planes
-from mgf_engine.drawings.section import SectionOptions, cut, section_frames
+from mgf_engine.drawings.section import SectionOptions, cut
+from mgf_engine.drawings.section_planes import section_frames
 from mgf_engine.drawings.sheets import choose_scale
 from mgf_engine.drawings.work import DrawingOptions, Work
 from mgf_engine.drawings.write import (

@@ -16,7 +16,8 @@ from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import find_facades
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
-from mgf_engine.drawings.section import cut, section_frames
+from mgf_engine.drawings.section import cut
+from mgf_engine.drawings.section_planes import section_frames
 from mgf_engine.errors import BadInput
 
 GROUND = float(OFFSET[2])
