@@ -21,8 +21,8 @@ class DrawingOptions:
     Attributes:
         facades: three points of the scene frame for each facade; empty finds them.
         resolution: of rasters in the local unit per pixel; None takes the photos' own.
-        sections: planes to cut at, as :func:`mgf_engine.drawings.section_planes.section_frames` reads them; empty takes three
-            through the middle.
+        sections: planes to cut at, as :func:`mgf_engine.drawings.section_planes.section_frames` reads them; empty takes
+            three through the middle.
         paper: of the sheets, A3 or A1.
         scale: of the sheets, the N of 1:N; None takes the largest round one that fits.
         kinds: what to draw, of :data:`KINDS`.
