@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -202,20 +200,6 @@ for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("steel_frame_hall", "brick_ensemble"):
     SCENES[f"{_name}40"] = replace(SCENES[_name], photos=40, width=480)
-
-
-#: Names of an earlier version -> names now. The scenes are generated; those names are of the photo sets of the paper.
-FORMER = {f"{old}{n}": f"{new}{n}" for old, new in (("dortmund", "steel_frame_hall"), ("zeche", "brick_ensemble"))
-          for n in ("", "40")}  # fmt: skip
-
-
-def with_present_names(arguments: Sequence[str]) -> list[str]:
-    """Return arguments of a command with scenes called by their names of now; a sentence for each that had another."""
-    for name in dict.fromkeys(arguments):
-        if name in FORMER:
-            print(f"The scene '{name}' is called '{FORMER[name]}' now; the old name works in this version only.",
-                  file=sys.stderr)  # fmt: skip
-    return [FORMER.get(name, name) for name in arguments]
 
 
 def scene_spec(name: str, **changes: Any) -> SceneSpec:

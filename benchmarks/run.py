@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.arguments import count, engine_options, results_folder
-from benchmarks.catalogue import SCENES, scene_spec, with_present_names
+from benchmarks.catalogue import SCENES, scene_spec
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
 from benchmarks.suites import PRINTED, SUITES, SuiteSettings, half_of, suite_runs
 from mgf_engine import __version__
@@ -28,7 +28,7 @@ from mgf_engine.system import write_json
 
 def bench_main(argv: Sequence[str] | None = None) -> int:
     """Entry point of ``mgf bench``; returns the exit code."""
-    args = with_present_names(sys.argv[1:] if argv is None else argv)
+    args = list(sys.argv[1:] if argv is None else argv)
     try:
         if args[:1] == ["scenes"]:
             from benchmarks.scenes import scenes_main

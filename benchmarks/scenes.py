@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from benchmarks.arguments import count
 from benchmarks.buildings import BUILDINGS
 from benchmarks.camera_path import Shot, plan
-from benchmarks.catalogue import SCENES, SceneSpec, scene_spec, spec_dict, with_present_names
+from benchmarks.catalogue import SCENES, SceneSpec, scene_spec, spec_dict
 from benchmarks.develop import bend, develop, photo_frame, render_frame, write_photo
 from benchmarks.prompts import click_prompts
 from benchmarks.shapes import Part
@@ -277,7 +277,7 @@ def _link(path: Path, folder: Path) -> None:
 
 if __name__ == "__main__":
     try:
-        sys.exit(scenes_main(with_present_names(sys.argv[1:])))
+        sys.exit(scenes_main())
     except BadInput as error:
         print(error, file=sys.stderr)
         sys.exit(2)

@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks import scenes
 from benchmarks.camera_path import Ring
-from benchmarks.catalogue import FORMER, SCENES, with_present_names
+from benchmarks.catalogue import SCENES
 from benchmarks.develop import photo_frame
 from benchmarks.scenes import find_blender_python, make_scene, render_views, scene_folder, scenes_main
 from benchmarks.shapes import true_mesh
@@ -99,11 +99,3 @@ def hits(surface: Surface, camera: SeeingCamera) -> np.ndarray:
     local = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1)
     eye = -camera.rotation.T @ camera.translation
     return surface.first_hits(eye, local.reshape(-1, 3) @ camera.rotation)[0].reshape(camera.height, camera.width) >= 0
-
-
-def test_former_names_are_taken_with_a_sentence(capsys: pytest.CaptureFixture) -> None:
-    given = ["pareto", "--scenes", "dortmund40", "zeche", "demo", "--out", "dortmund"]
-    assert with_present_names(given[:-2]) == ["pareto", "--scenes", "steel_frame_hall40", "brick_ensemble", "demo"]
-    said = capsys.readouterr().err
-    assert "'dortmund40' is called 'steel_frame_hall40' now" in said and said.count("\n") == 2
-    assert set(FORMER.values()) <= set(SCENES) and not set(FORMER) & set(SCENES)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.analytic import camera
+from support.analytic import camera, discs
 
-from mgf_engine.mesh.depth_maps import depth_map, visiting_order
+from mgf_engine.mesh.depth_maps import FAR, depth_map, render_surface, visiting_order
 from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.photometric import Surface, without_match
 from mgf_engine.raster.points import INSIDE
@@ -62,3 +62,30 @@ def test_the_weight_of_a_pixel_is_the_squared_cosine_over_the_squared_depth() ->
     cosine = (1 / np.sqrt(1 + u**2 + v**2))[5:-5, 5:-5]
     assert (depth == 4).all() and (slope == 1).all() and (likeness == 0).all()
     np.testing.assert_allclose(weight, TsdfOptions.unmatched * cosine**2 / 16, rtol=1e-5)
+
+
+def test_a_view_sees_a_surface_or_nothing_for_sure_or_looks_past_the_field() -> None:
+    """An opaque disc, a faint one and nothing, side by side: opacities of 0.95, 0.35 and 0."""
+    view = camera((0.0, -4.0, 0.0))
+    places = np.array([[-0.8, 0, 0], [0.0, 0, 0], [0.8, 0, 0]])
+    field = discs(places[:2], np.tile([[0.0, -1.0, 0.0]], (2, 1)), 0.1)
+    field.opacity_logits[1] = float(np.log(0.35 / 0.65))
+    found = render_surface(field, view)
+    column, row = np.floor(view.project(places)[0]).astype(int).T
+    assert found.depth[row, column] == pytest.approx([4.0, 0.0, 0.0], abs=0.01)
+    assert found.through[row, column].tolist() == [False, False, True]
+
+
+def test_where_a_view_looks_past_the_field_all_is_free() -> None:
+    """Half of the frame shows a wall 4 away."""
+    view = camera((0.0, -4.0, 0.0))
+    shape = view.height, view.width
+    normal = np.zeros((*shape, 3), np.float32)
+    normal[..., 2] = -1
+    through = np.indices(shape)[1] >= view.width // 2
+    depth = np.where(through, 0, 4).astype(np.float32)
+    half = Surface(view, np.zeros(shape, np.uint8), depth, normal, through)
+    found = depth_map(half, np.full(shape, INSIDE, np.uint8), without_match(half))
+    depth, _, weight, _ = found.pixels.reshape(*shape, 4).transpose(2, 0, 1)
+    assert (depth[through] == FAR).all() and (depth[~through] == 4).all()
+    assert weight[through] == pytest.approx(TsdfOptions.through_weight * np.median(weight[~through]))

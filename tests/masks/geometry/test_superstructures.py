@@ -49,3 +49,15 @@ def test_only_what_is_high_for_its_surroundings_counts() -> None:
     over = find_superstructures(points, keep, shape)
     assert points[over, 2].min() > 0.7 * 2.5
     assert find_superstructures(points, keep, shape, SuperstructureOptions(height=0.2))[WALLS + 2 * FEW :].any()
+
+
+def test_chimneys_stand_anywhere_on_the_building() -> None:
+    """One at each corner, half a metre inside of the walls; and one as far outside of each."""
+    walls, rng = site()[:WALLS], np.random.default_rng(2)
+    corners = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)])
+    spots = np.concatenate([1.5 * corners, 4.5 * corners]).repeat(FEW, 0)
+    chimneys = np.column_stack([spots + rng.normal(0, 0.05, spots.shape), rng.uniform(3.2, 4, len(spots))])
+    points = np.concatenate([walls, chimneys])
+    over = find_superstructures(points, np.arange(len(points)) < WALLS, features(points))
+    on, beside = np.split(over[WALLS:], 2)
+    assert on.all() and not beside.any()
