@@ -10,7 +10,7 @@ Corner = NDArray[np.float64]
 
 
 def percentile_box(
-    points: NDArray[np.float64], percentiles: tuple[float, float], padding: float = 0.0
+    points: NDArray[np.floating], percentiles: tuple[float, float], padding: float = 0.0
 ) -> tuple[Corner, Corner]:
     """Return the low and high corner [D] of the box that most points lie in along each axis.
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.boxes import percentile_box
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.random_walker import BuildingProbability
@@ -63,5 +64,5 @@ def make_hints(
 def _box(points: NDArray[np.floating]) -> tuple[float, float, float, float] | None:
     if len(points) < 3:
         return None
-    low, high = np.percentile(points, [2, 98], axis=0)
+    low, high = percentile_box(points, (2, 98))
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
