@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +112,16 @@ def test_ties_are_symmetric_and_the_laplacian_holds_back_nothing() -> None:
     assert np.allclose(np.diag(dense), walker.graph.degree)
     assert dense[5, 0] == dense[5, 4] == -OPTIONS.track_weight == dense[6, 2]  # points to the regions that saw them
     assert dense[5, 6] == -OPTIONS.space_weight and dense[0, 3] == 0  # and to each other; photos meet in points alone
+
+
+def test_points_have_the_mean_features_of_their_regions_and_those_of_their_surface() -> None:
+    """One on a roof, seen in regions of features 2 and 4, and one on a slope that is half as flat."""
+    photos = [strip([0.0], [[0.0] * 6, [2.0] * 6]), strip([], [[4.0] * 6])]
+    graph = graph_of(photos, [[(0, 1), (1, 0)], [(0, 0)]]).graph
+    normals = np.array([[0, 1.0, 0], [0.8, -0.6, 0]])  # up is -y; a normal may point down
+    shape = replace(graph.shape, normals=normals, flatness=np.array([1.0, 0.5]))
+    found = LabelGraph(graph.scene, photos, shape).point_features
+    assert found == pytest.approx(np.array([[3.0] * 6 + [6, 4], [0.0] * 6 + [6 * 0.5 * 0.6, 2]]))
 
 
 def test_a_point_carries_a_click_from_one_photo_to_another() -> None:
