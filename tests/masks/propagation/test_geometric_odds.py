@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -125,6 +126,41 @@ def test_improbable_points_away_from_the_building_are_of_other_things(scene: Sce
 def replace_scene(graph: LabelGraph, scene: Scene) -> LabelGraph:
     """A graph of the same photos with other points."""
     return LabelGraph(scene, graph.regions, measure_point_features(scene))
+
+
+def test_silhouettes_count_less_where_plants_may_hide_the_building(
+    scene: Scene, graph: LabelGraph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Likeness to plants from 0 to 1, and probabilities from 0 to 1, over the regions of a photo."""
+    green = copy(graph)
+    green.plants = np.resize(np.linspace(0, 1, 11), len(graph.plants))
+    probability, asked = np.resize(np.linspace(1, 0, 7), len(graph.plants)), []
+    probability[graph.region_count :] = 0.95
+
+    def odds(said, points, *rest):
+        asked.extend(said)
+        return [np.full(len(silhouette.inside), 0.5) for silhouette in said]
+
+    monkeypatch.setattr("mgf_engine.masks.propagation.geometric_odds.silhouette_odds", odds)
+    views = (1, 2, 3, 4)
+    nothing = GeometricEvidence.nothing(len(probability))
+    found = GeometricOdds(green).silhouettes(probability, nothing, views)
+    parts = [slice(graph.start[i], graph.start[i + 1]) for i in views]
+    looked_at = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    assert (found[looked_at] == 0.5).all() and not np.delete(found, looked_at).any()
+    options = green.options.silhouettes
+    weight = np.interp(green.plants, options.plants, (1, 0))
+    inside = np.interp(probability, 0.5 + 0.5 * options.softness * np.array([-1, 1]), (0, 1))
+    for silhouette, part in zip(asked, parts, strict=True):
+        assert silhouette.weight == pytest.approx(weight[part], abs=1e-6)
+        assert silhouette.inside == pytest.approx(inside[part], abs=1e-6)
+    assert weight[looked_at].min() < 0.5 < weight[looked_at].max()
+
+
+def test_silhouettes_of_few_photos_are_not_asked(scene: Scene, geometry: GeometricOdds) -> None:
+    probability = np.full(len(geometry.graph.sky), 0.95)
+    few = range(geometry.options.silhouettes.least_views)
+    assert not geometry.silhouettes(probability, GeometricEvidence.nothing(len(probability)), few).any()
 
 
 def test_too_few_points_say_nothing_of_the_extent(scene: Scene, geometry: GeometricOdds) -> None:
