@@ -16,6 +16,7 @@ from mgf_engine.masks.propagation.geometric_odds import GeometricEvidence, Geome
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.superpixels import cut_regions
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.validation import keep_points
 
 VIEWS = (3, 4)
 
@@ -44,11 +45,11 @@ def click(scene: Scene, wanted: np.ndarray) -> Clicks:
 
 
 def place(
-    geometry: GeometricOdds, points: np.ndarray, prompts: dict[int, Clicks]
+    geometry: GeometricOdds, points: np.ndarray, prompts: dict[int, Clicks], regions: float = 0.5
 ) -> tuple[GeometricEvidence, np.ndarray]:
-    """The evidence by the points' probability [P], and the points that the building's extent was made of, [P]."""
+    """The evidence by the probability of points [P] and of all regions; what the building's extent was made of, [P]."""
     count = geometry.graph.region_count
-    probability = np.concatenate([np.full(count, 0.5), points])
+    probability = np.concatenate([np.full(count, regions), points])
     used = []
     found = geometry._extent
 
@@ -81,6 +82,37 @@ def test_a_clicked_lawn_is_no_ground(scene: Scene, geometry: GeometricOdds) -> N
     probability = np.where(lawn, 0.4, 0.95)
     evidence, _ = place(geometry, probability, {VIEWS[0]: click(scene, lawn)})
     assert evidence.ground is None and not evidence.grounded.any()
+
+
+def joined(scene: Scene, added: Scene) -> Scene:
+    """A scene with the points of another behind its own."""
+    return replace(
+        scene,
+        points=np.concatenate([scene.points, added.points]),
+        colors=np.concatenate([scene.colors, added.colors]),
+        errors=np.concatenate([scene.errors, added.errors]),
+        track_start=np.concatenate([scene.track_start, scene.track_start[-1] + added.track_start[1:]]),
+        track_view=np.concatenate([scene.track_view, added.track_view]),
+        track_uv=np.concatenate([scene.track_uv, added.track_uv]),
+    )
+
+
+def test_added_points_belong_to_the_extent_where_regions_are_the_building_and_no_ground(
+    scene: Scene, graph: LabelGraph
+) -> None:
+    """Every fourth point is an added one; all regions look like the building, the lawn's too."""
+    chosen = np.arange(len(scene.points)) % 4 == 0
+    few, added = keep_points(scene, ~chosen), keep_points(scene, chosen)
+    own = LabelGraph(few, graph.regions, measure_point_features(few), full=joined(few, added))
+    lawn, wall = heights(few) < 0.01, heights(few) > 1.0
+    probability = np.where(wall, 0.95, 0.9)
+    probability[np.flatnonzero(lawn)[::2]] = 0.4  # enough of it looks like ground to be found
+    for regions, expected in ((0.95, 1.0), (0.3, 0.0)):
+        evidence, used = place(GeometricOdds(own), probability, {VIEWS[0]: click(few, wall)}, regions)
+        assert evidence.ground is not None and len(used) == len(scene.points)
+        of_added = used[len(few.points) :]
+        assert of_added[heights(added) > 1.0].mean() == pytest.approx(expected, abs=0.05)
+        assert of_added[heights(added) < 0.01].mean() < 0.1
 
 
 def test_a_building_across_the_street_is_apart(scene: Scene, graph: LabelGraph) -> None:
