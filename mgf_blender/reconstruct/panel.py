@@ -28,6 +28,11 @@ _DONE = {
 }
 #: In sentences of the engine that send people to the picture of all masks.
 CONTACT_SHEET_WORDS = "contact sheet"
+#: Parts of the starting surface, before the training, by the engine's names.
+_START = {
+    "views": N_("Reading masks"), "lines": N_("Finding edges"), "dense": N_("Matching photos"),
+    "planes": N_("Finding planes"), "cut": N_("Making the surface"),
+}  # fmt: skip
 #: What is shown while a command runs that is no stage.
 _TOOLS = {
     "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
@@ -158,7 +163,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         layout.operator("mgf.show_preferences", icon="PREFERENCES")
     _draw_buttons(box, job)  # above what comes and goes, or they would move under the pointer
     if job.live:
-        draw_figures(box, dict(list(job.figures.items())[:6]))
+        figures = {name: value for name, value in job.figures.items() if name != "start"}  # which the bar says
+        draw_figures(box, dict(list(figures.items())[:6]))
     for text in job.warnings[-3:]:
         draw_sentence(box, in_panel_words(text), "INFO")
 
@@ -193,7 +199,8 @@ def _headline(job: Job) -> str:
         return tr("Stopping")
     if not job.stage:
         return tr("Starting the engine")
-    stage, left = tr({**options.STAGES, **_TOOLS}.get(job.stage, job.stage)), duration(job.seconds_left)
+    part = _START.get(str(job.figures.get("start")))
+    stage, left = tr(part or {**options.STAGES, **_TOOLS}.get(job.stage, job.stage)), duration(job.seconds_left)
     if not left:
         return tr("{stage}, {share:.0%}", stage=stage, share=job.overall)
     return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.overall, time=left)

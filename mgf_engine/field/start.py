@@ -71,7 +71,8 @@ def start_field(
     (folder / FILE).unlink(missing_ok=True)
     if config.start == "surface" and config.use_masks:
         try:
-            surface = start_surface(scene, masks, views, reporter, config.threads, start_options(config))
+            share = 1.0 if config.passes == config.iterations == 0 else 0.0  # without training it is the whole stage
+            surface = start_surface(scene, masks, views, reporter, config.threads, start_options(config), share=share)
             write_start(surface, folder / FILE)
             clear_blocks()
             parts = _on_surface(surface, scene, views, limit, config)

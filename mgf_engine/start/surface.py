@@ -24,6 +24,9 @@ from mgf_engine.start.views import start_views
 from mgf_engine.system import cores, release_memory
 from mgf_engine.timing import PartTimes
 
+#: Parts of the work, in order, as progress messages name them.
+PARTS = ("views", "lines", "dense", "planes", "cut")
+
 
 @dataclass(frozen=True)
 class StartSurface:
@@ -52,6 +55,7 @@ def start_surface(
     threads: int = 0,
     options: StartOptions = StartOptions(),  # frozen
     times: PartTimes | None = None,
+    share: float = 0.0,
 ) -> StartSurface:
     """Make a surface of the building.
 
@@ -63,6 +67,7 @@ def start_surface(
         threads: number of worker threads; 0 uses all cores.
         options: of all steps.
         times: where to note what the parts of the work take.
+        share: of the stage that this is, for the progress bar; the part that works is told in any case.
 
     Raises:
         BadInput: too few edges and points for a surface, or masks without a place in common.
@@ -70,25 +75,27 @@ def start_surface(
     """
     threads, times = threads or cores(), times or PartTimes()
 
-    def between() -> None:
-        reporter.check()
+    def begin(part: str) -> None:
+        reporter.progress(share * PARTS.index(part) / len(PARTS), start=part)  # which asks whether to stop
         release_memory()  # what a step needed no longer
 
+    begin("views")
     with times.part("views"):
         views = start_views(scene, masks, indices, options.views)
-    between()
+    begin("lines")
     with times.part("lines"):
         lines = find_lines(find_segments(views, options.segments, threads))
-    between()
+    begin("dense")
     with times.part("dense"):
         dense = dense_points(views, masks, options.dense, options.smoothing, threads, reporter.check)
-    between()
+    begin("planes")
     with times.part("planes"):
         evidence = gather_evidence(views, lines, dense, options)
-    between()
+    begin("cut")
+    at = share * PARTS.index("cut") / len(PARTS)
     with times.part("cut"):
         mesh, strength = cut_in_blocks(
-            views, evidence, options.cut, reporter.check, lambda which: reporter.progress(0.0, block=which)
+            views, evidence, options.cut, reporter.check, lambda which: reporter.progress(at, block=which, start="cut")
         )
     if not len(mesh.faces):
         raise BadInput("Masks and photos give no starting surface; check the masks and the cameras.")

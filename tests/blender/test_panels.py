@@ -189,6 +189,25 @@ def test_buttons_stand_above_what_comes_and_goes(addon, engine, house):
     assert said.index("Mesh finished") < said.index("Open Log") < said.index("Two photos are blurred")
 
 
+def test_the_bar_says_what_goes_before_the_training(addon, engine, house):
+    """Preset quick trains nothing: the bar said Training all the while."""
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+    job = make_job(bpy.context.scene)
+    engine("slow")
+    runner.submit(job)
+    runner.pump()
+    job._apply({"type": "stage", "stage": "field", "index": 2, "count": 5, "cached": False})
+    assert "Training" in draw(MGF_PT_reconstruct).said
+    progress = {"type": "progress", "stage": "field", "fraction": 0.4, "overall": 0.2}
+    job._apply({**progress, "figures": {"start": "dense", "block": 2}})
+    said = draw(MGF_PT_reconstruct).said
+    assert "Matching photos" in said and "Training" not in said and "dense" not in said and "Block" in said
+    job._apply({**progress, "figures": {"iteration": 3}})
+    assert "Training" in draw(MGF_PT_reconstruct).said
+
+
 def test_resume_is_offered_where_a_second_run_in_the_folder_failed(addon, engine, house):
     """The results of the first run, still in the folder, do not hide it."""
     engine("ok", FAKE_RESULT=house.job)

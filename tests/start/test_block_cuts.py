@@ -42,7 +42,7 @@ def test_blocks_make_the_surface_of_the_whole(plain_house: PlainHouse, count: in
                         min_interval=0.0)  # fmt: skip
     reporter.stage("field")
     whole, parts = surface(plain_house, 1), surface(plain_house, count, reporter)
-    assert said == [f"{k} of {count}" for k in range(1, count + 1)]
+    assert [block for block in said if block] == [f"{k} of {count}" for k in range(1, count + 1)]
     assert face_areas(parts.mesh).sum() == pytest.approx(face_areas(whole.mesh).sum(), rel=0.03)
     assert len(parts.sure) == len(parts.mesh.faces)
     for mesh, other in ((whole.mesh, parts.mesh), (parts.mesh, whole.mesh)):  # no gap, nothing more

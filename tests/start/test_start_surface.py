@@ -144,7 +144,14 @@ def test_photos_without_edges_are_one_sentence(plain_house: PlainHouse, tmp_path
 def test_one_photo_is_one_sentence_and_two_give_what_they_show(plain_house: PlainHouse) -> None:
     with pytest.raises(BadInput):
         start_surface(plain_house.scene, plain_house.masks, [0], Reporter(), 2)
-    two = start_surface(plain_house.scene, plain_house.masks, [0, 1], Reporter(), 2)
+    sent: list[dict] = []
+    two = start_surface(
+        plain_house.scene, plain_house.masks, [0, 1], Reporter(sent.append, min_interval=0), 2, share=1.0
+    )
+    said = [
+        (m["figures"]["start"], m["fraction"]) for m in sent if m["type"] == "progress" and "block" not in m["figures"]
+    ]
+    assert said == [("views", 0.0), ("lines", 0.2), ("dense", 0.4), ("planes", 0.6), ("cut", 0.8)]
     assert len(two.mesh.faces) and np.isfinite(two.mesh.vertices).all()
 
 
