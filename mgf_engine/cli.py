@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from mgf_engine.algorithms import algorithms_schema
 from mgf_engine.cli_arguments import parse_arguments
 from mgf_engine.config import option_fields, options_schema, renamed_values
-from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput, explain
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.job_folder import remove_refused
 from mgf_engine.messages import Reporter
 from mgf_engine.option_input import option_pairs, read_config
@@ -118,7 +118,7 @@ def _job_command(args: argparse.Namespace) -> int:
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
         code = _fail(reporter, error, log_path)
-        if new and code == EXIT_BAD_INPUT:  # the sentence said all there is to know
+        if new and isinstance(error, BadInput):  # the sentence said all there is to know; a full disk is none
             _close_log()
             remove_refused(args.out)
         return code
