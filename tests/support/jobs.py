@@ -1,12 +1,30 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Jobs that do nothing: a folder with a file that is no photo, and stages called finished."""
+"""Jobs of small scenes, begun and run to the end; and jobs that do nothing: no photos, stages called finished."""
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 from mgf_engine.job import Job
 from mgf_engine.stages import STAGE_NAMES
+
+
+ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
+
+
+def start(*args: object) -> subprocess.Popen:
+    command = [sys.executable, "-m", "mgf_engine", *map(str, args), "--progress", "json"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+
+
+def finish(run: subprocess.Popen) -> list[dict]:
+    out, err = run.communicate(timeout=400)
+    assert "Traceback" not in err, err
+    return [json.loads(line) for line in out.splitlines()]
 
 
 def write_photo_folder(folder: Path) -> Path:
