@@ -12,7 +12,6 @@ from pathlib import Path
 from mgf_engine.job import Job
 from mgf_engine.stages import STAGE_NAMES
 
-
 ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
 
 
