@@ -7,19 +7,23 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
+from mgf_engine.mesh.extend_planes import extend_planes
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.holes import cap_rims
 from mgf_engine.mesh.level_set import clean_level_set
 from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
-from mgf_engine.mesh.planar import flatten
+from mgf_engine.mesh.photo_consistency import see_vertices
+from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.raw_surface import RAW_SURFACE_DONE, SurfaceInputs, raw_surface, timed_part
 from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
 from mgf_engine.mesh.screening import screen
@@ -83,7 +87,7 @@ def extract_mesh(
         mesh = refine_mesh(move_onto_evidence(mesh, field, trusted, options), trusted, options, reporter)
     if options.flatten:
         with timed_part(times, "planes"):
-            mesh = flatten(mesh, ground_pixels(mesh, trusted.views), options.planes)
+            mesh = flatten_mesh(mesh, trusted, options)
     with timed_part(times, "colours"):
         mesh = color_mesh(crop_mesh(mesh, options.close_bottom, box), scene, trusted, options.colors, reporter)
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(mesh.faces))
@@ -176,6 +180,23 @@ def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, r
         lambda share: reporter.progress(_CLEANED + (_REFINED - _CLEANED) * share), options.fusion,
         options.refinement,
     )  # fmt: skip
+
+
+def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
+    """Project the planar parts of a mesh onto their planes, and extend those where the photos do not say otherwise.
+
+    Args:
+        mesh: normalised frame.
+        trusted: photos; without those to match, planes are not extended.
+        options: of the planes, the patches and the labels.
+    """
+    pixel = ground_pixels(mesh, trusted.views)
+    flat, planes = flatten_planes(mesh, pixel, options.planes)
+    if trusted.photos is None or planes is None:
+        return flat
+    size = pixel.astype(np.float64)
+    photos = see_vertices(mesh, size, trusted.views, trusted.photos.grey, options.patches)
+    return extend_planes(mesh, flat, size, planes, photos, options.extension)
 
 
 def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:

@@ -10,10 +10,12 @@ from mgf_engine.config import job_option
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
 from mgf_engine.mesh.colors import ColorOptions
 from mgf_engine.mesh.component_filter import ComponentFilterOptions
+from mgf_engine.mesh.extend_planes import PlaneExtensionOptions
 from mgf_engine.mesh.fusion_options import FusionOptions
 from mgf_engine.mesh.low_confidence_fill import LowConfidenceFillOptions
 from mgf_engine.mesh.mask_votes import MaskVoteOptions
 from mgf_engine.mesh.opacity import OpacityOptions
+from mgf_engine.mesh.photo_consistency import PatchOptions
 from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.refine import RefinementOptions
@@ -76,5 +78,7 @@ class ExtractionOptions:
     components: ComponentFilterOptions = ComponentFilterOptions()
     refinement: RefinementOptions = RefinementOptions()
     planes: PlanarOptions = PlanarOptions()
+    patches: PatchOptions = PatchOptions()
+    extension: PlaneExtensionOptions = PlaneExtensionOptions()
     colors: ColorOptions = ColorOptions()
     fill: LowConfidenceFillOptions = LowConfidenceFillOptions()

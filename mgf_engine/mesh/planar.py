@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.mesh.near_planes import near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import MeshFaces, Planes, find_planes, measure_faces
 from mgf_engine.model.mesh import Mesh
@@ -24,42 +25,30 @@ def flatten(mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOp
     Args:
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
     """
+    return flatten_planes(mesh, pixel, o)[0]
+
+
+def flatten_planes(
+    mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions()
+) -> tuple[Mesh, Planes | None]:
+    """Flatten as :func:`flatten` does; return also the planes, None where there are none.
+
+    Args:
+        mesh: of any frame.
+        pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
+        o: of the planes.
+    """
     if len(mesh.faces) == 0 or not (np.asarray(pixel) > 0).all():
-        return mesh
+        return mesh, None
     size: NDArray[np.float64] = np.asarray(pixel, np.float64)
     faces = measure_faces(mesh, size, o)
     planes = find_planes(faces, o)
     if len(planes.normals) == 0:
-        return mesh
-    vertex, plane = _near(mesh, size, planes, o)
-    label = _sides(mesh, faces, planes, vertex, plane, o)
-    moved = mesh.vertices + _moves(mesh, size, planes, label, vertex, o)
-    return replace(mesh, vertices=_unturned(mesh, moved, planes, label))
-
-
-def _near(
-    mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, o: PlanarOptions
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of a vertex and a plane that it is near, by distance and along edges, ordered by vertex."""
-    count = len(planes.normals)
-    labelled = np.flatnonzero(planes.label >= 0)
-    keys = np.unique(mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None])
-    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    for _ in range(o.rings):
-        # only vertices beside a part without plane, or of another one, pass theirs on
-        vertex, plane = np.divmod(keys, count)
-        several = np.bincount(vertex, minlength=len(pixel))
-        begin = np.searchsorted(vertex, np.arange(len(pixel)))
-        first = np.where(several > 0, plane[np.minimum(begin, len(plane) - 1)], -1)
-        apart = (first[start] != first[end]) | (several[start] != several[end])
-        a, b = (np.r_[start[apart], end[apart]], np.r_[end[apart], start[apart]])
-        times = several[a]
-        rows = np.repeat(begin[a] - np.r_[0, np.cumsum(times)[:-1]], times) + np.arange(times.sum())
-        new, of = np.repeat(b, times), plane[rows]
-        close = np.abs(planes.distances(mesh.vertices[new], of)) <= o.band * pixel[new]
-        keys = np.union1d(keys, new[close].astype(np.int64) * count + of[close])
-    vertex, plane = np.divmod(keys, count)
-    return vertex, plane
+        return mesh, None
+    near = near_planes(mesh, size, planes, o.band, o.rings)
+    label = _sides(mesh, faces, planes, near.vertex, near.plane, o)
+    moved = mesh.vertices + _moves(mesh, size, planes, label, near.vertex, o)
+    return replace(mesh, vertices=_unturned(mesh, moved, planes, label)), planes
 
 
 def _sides(

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Extend the planes of a mesh over dents and worn edges where the photos do not say otherwise.
+
+Flattening (:mod:`mgf_engine.mesh.planar`) moves vertices by a ground pixel at most. Corners of plain walls are worn by
+more, and around windows plain walls sink towards the panes: such vertices get a label, go into their plane or onto the
+crease of two, and then slide within it, so that faces that lay across do not stay folded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.mesh.photo_consistency import PatchPhotos
+from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
+from mgf_engine.model.mesh import Mesh
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlaneExtensionOptions:
+    """Options of moving labelled vertices."""
+
+    labels: PlaneLabelOptions = PlaneLabelOptions()
+    angle: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
+    reach: float = parameter(3.0, "Maximum distance of a vertex from an edge or a corner, beyond that from its planes",
+                             "ground px")  # fmt: skip
+    rounds: int = parameter(15, "Number of rounds in which vertices slide within their planes")
+
+
+def extend_planes(
+    mesh: Mesh,
+    flat: Mesh,
+    pixel: Array,
+    planes: Planes,
+    photos: PatchPhotos,
+    o: PlaneExtensionOptions = PlaneExtensionOptions(),
+) -> Mesh:
+    """Move the vertices that belong to a plane into it, or onto the edge where two of them meet.
+
+    Args:
+        mesh: normalised frame.
+        flat: the same with planar parts projected, where vertices without plane stay.
+        pixel: size of a ground pixel at each vertex, [N].
+        planes: found on ``mesh``.
+        photos: what sees its vertices.
+        o: costs, distances and rounds.
+    """
+    label = label_vertices(mesh, pixel, planes, photos, o.labels)
+    some = np.flatnonzero(label >= 0)
+    if not len(some):
+        return flat
+    constraint = _constraints(mesh, pixel, planes, label, o)
+    at = flat.vertices.copy()
+    at[some] = mesh.vertices[some]
+    at = constraint.project(at)
+    for _ in range(o.rounds):
+        at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), label < 0))
+    return replace(flat, vertices=at)
+
+
+@dataclass(frozen=True)
+class _Constraints:
+    """Planes that vertices stay in: one, two that meet in a line, or three in a corner.
+
+    Attributes:
+        vertex: numbers, [K].
+        normals, offsets: of up to three planes each, zeros for none, [K, 3, 3] and [K, 3].
+        inverse: pseudo-inverses of ``normals``, [K, 3, 3].
+    """
+
+    vertex: NDArray[np.int64]
+    normals: Array
+    offsets: Array
+    inverse: Array
+
+    def moves(self, at: Array) -> Array:
+        """Return the shortest way of the vertices at ``at`` [N, 3] into their planes, [K, 3]."""
+        missing = self.offsets - np.einsum("nij,nj->ni", self.normals, at[self.vertex])
+        return np.asarray(np.einsum("nij,nj->ni", self.inverse, missing))
+
+    def project(self, at: Array) -> Array:
+        """Return the vertices [N, 3] in their planes."""
+        result = at.copy()
+        result[self.vertex] += self.moves(at)
+        return result
+
+
+def _constraints(
+    mesh: Mesh, pixel: Array, planes: Planes, label: NDArray[np.int32], o: PlaneExtensionOptions
+) -> _Constraints:
+    """Return the planes of each vertex that has one: its own, and those of neighbours that meet it at an angle."""
+    count = len(planes.normals)
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    a, b = np.r_[start, end].astype(np.int64), np.r_[end, start]
+    meet = planes.normals @ planes.normals.T < np.cos(np.radians(o.angle))
+    both = (label[a] >= 0) & (label[b] >= 0)
+    a, b = a[both], b[both]
+    corner = meet[label[a], label[b]]
+    own = np.flatnonzero(label >= 0)
+    keys = np.unique(np.r_[own * count + label[own], a[corner] * count + label[b[corner]]])
+    whole = _assembled(planes, *np.divmod(keys, count), label)
+    way = np.linalg.norm(whole.moves(mesh.vertices), axis=1)
+    off = np.abs(np.einsum("nij,nj->ni", whole.normals, mesh.vertices[whole.vertex]) - whole.offsets).max(1)
+    far = way > o.reach * pixel[whole.vertex] + off
+    alone = _assembled(planes, whole.vertex[far], label[whole.vertex[far]].astype(np.int64), label)
+    near = ~far
+    return _Constraints(
+        np.r_[whole.vertex[near], alone.vertex],
+        *(np.concatenate([getattr(whole, name)[near], getattr(alone, name)])
+          for name in ("normals", "offsets", "inverse")),
+    )  # fmt: skip
+
+
+def _assembled(
+    planes: Planes, vertex: NDArray[np.int64], plane: NDArray[np.int64], label: NDArray[np.int32]
+) -> _Constraints:
+    """Return the constraints of pairs of a vertex and a plane, ordered by vertex: its own plane, and two at most."""
+    order = np.lexsort((plane != label[vertex], vertex))
+    vertex, plane = vertex[order], plane[order]
+    rows, first, at, times = np.unique(vertex, return_index=True, return_inverse=True, return_counts=True)
+    place = np.arange(len(vertex)) - np.repeat(first, times)
+    kept = place < 3
+    normals, offsets = np.zeros((len(rows), 3, 3)), np.zeros((len(rows), 3))
+    normals[at[kept], place[kept]], offsets[at[kept], place[kept]] = (
+        planes.normals[plane[kept]], planes.offsets[plane[kept]],
+    )  # fmt: skip
+    return _Constraints(rows, normals, offsets, np.asarray(np.linalg.pinv(normals, rcond=0.15), np.float64))

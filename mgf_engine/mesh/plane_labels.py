@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Label the vertices of a mesh with the plane that they belong to, or none, by what the photos say.
+
+A dent in a plain wall, and a worn edge between two walls, are places where no photo tells the surface: there the plane
+is the simpler answer. Where photos have contrast they must look as much alike on the plane as where the vertex was
+measured. The labels of least cost are sought by iterated conditional modes (Besag, *On the statistical analysis of
+dirty pictures*, 1986), with neighbours that pay for a step between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.clean import face_areas
+from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes
+from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
+from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.model.mesh import Mesh
+
+Array = NDArray[np.float64]
+_PIECE = 300_000  # pairs of a label and a neighbour at a time: some 50 MB
+
+
+@dataclass(frozen=True)
+class PlaneLabelOptions:
+    """Options of the labels; costs are per square ground pixel."""
+
+    reach: float = parameter(6.0, "Maximum distance of a vertex from its plane", "ground px")
+    rings: int = parameter(20, "Maximum number of edges between a vertex and the faces that the plane was found on")
+    near: float = parameter(1.0, "Distance up to which photos are not asked", "ground px")
+    none: float = parameter(0.1, "Cost of a vertex without plane")
+    distance: float = parameter(0.1, "Cost of the maximum distance from the plane")
+    small: float = parameter(0.1, "Cost of a plane that is small or noisy")
+    area: float = parameter(4000.0, "Area below which a plane is small", "ground px²")
+    noise: float = parameter(0.5, "Standard deviation from which a plane is noisy", "ground px", low=1e-3)
+    contrast: float = parameter(8.0, "Standard deviation of a patch that makes the photos sure", "grey levels", low=0.1)
+    margin: float = parameter(
+        0.3, "Correlation by which the plane must be better where the photos are sure, beyond creases", high=1
+    )
+    crease: float = parameter(30.0, "Minimum angle between two planes that meet in a crease", "degrees")
+    crease_reach: float = parameter(
+        3.0, "Distance from both planes up to which a vertex is at their crease", "ground px"
+    )
+    beyond: float = parameter(1.0, "Cost of each ground pixel beyond the crease with another plane")
+    side_reach: float = parameter(30.0, "Distance from a plane up to which it is asked on which side another lies",
+                                  "ground px")  # fmt: skip
+    side: float = parameter(0.9, "Minimum share of such vertices on one side", high=1)
+    step: float = parameter(0.2, "Cost of an edge whose ends have different labels, a step apart")
+    full_step: float = parameter(2.0, "Distance between the places of two labels that costs a full step", "ground px")
+    facing: float = parameter(-0.2, "Minimum cosine between a vertex's normal and the plane's", low=-1.0, high=1)
+    rounds: int = parameter(10, "Number of rounds of iterated conditional modes")
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """Pairs of a vertex and a plane with the place [K, 3] that the plane gives the vertex, and how far that is [K]."""
+
+    near: NearPlanes
+    place: Array
+    off: Array
+
+
+def label_vertices(
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, o: PlaneLabelOptions = PlaneLabelOptions()
+) -> NDArray[np.int32]:
+    """Choose the plane of each vertex, int32 [N], -1 for none.
+
+    Args:
+        mesh: normalised frame.
+        pixel: size of a ground pixel at each vertex, [N].
+        planes: found on this mesh.
+        photos: what sees its vertices.
+        o: costs and distances.
+    """
+    wanted = _wanted(mesh, pixel, planes, o)
+    area = np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
+    cost = np.minimum(area, 9.0)[wanted.near.vertex] * _plane_costs(mesh, pixel, planes, photos, wanted, o)
+    return _choose(mesh, pixel, planes, wanted.near, cost, np.minimum(area, 9.0) * o.none, o)
+
+
+def _wanted(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> _Wanted:
+    """Return the planes that each vertex may get; none that it faces away from."""
+    near = near_planes(mesh, pixel, planes, o.reach, o.rings)
+    normals = mesh.adjacency.vertex_normals(np.ascontiguousarray(mesh.vertices))
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    kept = np.einsum("ij,ij->i", normals[near.vertex], planes.normals[near.plane]) > o.facing
+    near = NearPlanes(near.vertex[kept], near.plane[kept])
+    shift = planes.distances(mesh.vertices[near.vertex], near.plane)
+    place = mesh.vertices[near.vertex] - shift[:, None] * planes.normals[near.plane]
+    return _Wanted(near, place, np.abs(shift) / pixel[near.vertex])
+
+
+def _plane_costs(
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, wanted: _Wanted, o: PlaneLabelOptions
+) -> Array:
+    """Return what each pair costs per square ground pixel, [K]."""
+    near = wanted.near
+    found = planes.label >= 0
+    size = face_areas(mesh)[found] / pixel[mesh.faces[found]].mean(1) ** 2
+    areas = np.bincount(planes.label[found], size, len(planes.normals))
+    poor = np.clip(np.maximum(o.area / np.maximum(areas, 1e-12), planes.noise / o.noise), 0, 1)
+    beyond = np.maximum(_beyond_creases(mesh, pixel, planes, wanted, o) - 0.5, 0)
+    return (
+        _photo_costs(mesh, pixel, planes, photos, wanted, o)
+        + o.distance * wanted.off / max(o.reach, 1e-12) + o.small * poor[near.plane] + o.beyond * beyond
+    )  # fmt: skip
+
+
+def _photo_costs(
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, wanted: _Wanted, o: PlaneLabelOptions
+) -> Array:
+    """Return by how much less the photos look alike in the plane than at the vertex, where they have contrast, [K]."""
+    cost = np.zeros(len(wanted.off))
+    asked = np.flatnonzero(wanted.off > o.near)
+    vertex, plane = wanted.near.vertex[asked], wanted.near.plane[asked]
+    normals = mesh.adjacency.vertex_normals(np.ascontiguousarray(mesh.vertices))
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    own, index = np.unique(vertex, return_inverse=True)
+    here, contrast = compare_patches(photos, own, mesh.vertices[own], normals[own], pixel[own])
+    there, other = compare_patches(photos, vertex, wanted.place[asked], planes.normals[plane], pixel[vertex])
+    sure = np.minimum(np.maximum(contrast[index], other) / o.contrast, 1)
+    margin = np.where(_at_creases(planes, wanted, o)[vertex], 0.0, o.margin) * np.clip(wanted.off[asked] - o.near, 0, 1)
+    cost[asked] = sure * (here[index] - there + margin)
+    return cost
+
+
+def _at_creases(planes: Planes, wanted: _Wanted, o: PlaneLabelOptions) -> NDArray[np.bool_]:
+    """Tell which vertices are near two planes that meet at an angle, bool [at least the largest vertex + 1]."""
+    close = wanted.off <= o.crease_reach
+    near = NearPlanes(wanted.near.vertex[close], wanted.near.plane[close])
+    result = np.zeros(wanted.near.vertex.max(initial=-1) + 1, bool)
+    if len(near.vertex):
+        first = np.repeat(near.plane[near.begin[:-1]], np.diff(near.begin))
+        cosine = np.einsum("ij,ij->i", planes.normals[first], planes.normals[near.plane])
+        result[near.vertex[cosine < np.cos(np.radians(o.crease))]] = True
+    return result
+
+
+def _beyond_creases(mesh: Mesh, pixel: Array, planes: Planes, wanted: _Wanted, o: PlaneLabelOptions) -> Array:
+    """Return how far each place lies beyond the crease of its plane with another one near the vertex, [K], in px."""
+    near, side = wanted.near, _sides(mesh, pixel, planes, o)
+    result = np.zeros(len(wanted.off))
+    if not len(result):
+        return result
+    count = np.diff(near.begin)
+    start, count = np.repeat(near.begin[:-1], count), np.repeat(count, count)
+    for turn in range(1, int(count.max())):
+        rows = np.flatnonzero(count > turn)
+        other = near.plane[start[rows] + (rows - start[rows] + turn) % count[rows]]
+        over = planes.distances(wanted.place[rows], other) / pixel[near.vertex[rows]]
+        result[rows] = np.maximum(result[rows], -side[near.plane[rows], other] * over)
+    return result
+
+
+def _sides(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> Array:
+    """Return for each two planes -1 where their crease is convex, 1 where it is concave, 0 where neither, [P, P]."""
+    count = len(planes.normals)
+    own = [np.unique(mesh.faces[planes.label == number]) for number in range(count)]
+    side = np.zeros((count, count))
+    for number, rows in enumerate(own):
+        for other in range(count):
+            off = planes.distances(mesh.vertices[rows], np.full(len(rows), other)) / pixel[rows]
+            off = off[np.abs(off) < o.side_reach]
+            above = float((off > 0).mean()) if len(off) else 0.5
+            side[other, number] = (above > o.side) - (above < 1 - o.side)
+    meet = planes.normals @ planes.normals.T < np.cos(np.radians(o.crease / 4))
+    return np.where(meet & (side == side.T), side, 0.0)
+
+
+def _choose(
+    mesh: Mesh, pixel: Array, planes: Planes, near: NearPlanes, cost: Array, none: Array, o: PlaneLabelOptions
+) -> NDArray[np.int32]:
+    """Return the labels of least cost: ``cost`` [K] of the pairs, ``none`` [N] of no plane, and steps along edges."""
+    count = len(none)
+    vertex, plane, own = np.r_[np.arange(count), near.vertex], np.r_[np.full(count, -1), near.plane], np.r_[none, cost]
+    order = np.argsort(vertex, kind="stable")
+    vertex, plane, own = vertex[order], plane[order], own[order]
+    begin = np.searchsorted(vertex, np.arange(count))
+    label = _cheapest(vertex, plane, own, begin)
+    start, neighbour = _neighbours(mesh)
+    random = np.random.default_rng(0)
+    for _ in range(o.rounds):
+        mixed = np.zeros(count, bool)
+        mixed[np.repeat(np.arange(count), np.diff(start))[label[neighbour] != np.repeat(label, np.diff(start))]] = True
+        mixed &= random.random(count) < 0.5  # neighbours that change at once would only exchange their labels
+        total = own.copy()
+        rows = np.flatnonzero(mixed[vertex])
+        for piece in range(0, len(rows), _PIECE):
+            some = rows[piece : piece + _PIECE]
+            total[some] += _steps(mesh, pixel, planes, (vertex[some], plane[some]), (start, neighbour), label, o)
+        new = _cheapest(vertex, plane, total, begin)
+        label = np.where(mixed, new, label)
+    return label.astype(np.int32)
+
+
+def _cheapest(vertex: Index, plane: Index, cost: Array, begin: Index) -> Index:
+    """Return the plane of least cost of each vertex, [N]; pairs are ordered by vertex."""
+    return np.asarray(plane[np.lexsort((cost, vertex))[begin]], np.int64)
+
+
+def _neighbours(mesh: Mesh) -> tuple[Index, Index]:
+    """Return the neighbours of each vertex: those of v are ``neighbour[start[v]:start[v + 1]]``."""
+    count = len(mesh.vertices)
+    a, b = mesh.faces.ravel().astype(np.int64), np.roll(mesh.faces, -1, axis=1).ravel().astype(np.int64)
+    low, high = np.divmod(np.unique(np.minimum(a, b) * count + np.maximum(a, b)), count)
+    order = np.argsort(np.r_[low, high], kind="stable")
+    start = np.searchsorted(np.r_[low, high][order], np.arange(count + 1))
+    return np.asarray(start, np.int64), np.asarray(np.r_[high, low][order], np.int64)
+
+
+def _steps(
+    mesh: Mesh,
+    pixel: Array,
+    planes: Planes,
+    pairs: tuple[Index, Index],
+    neighbours: tuple[Index, Index],
+    label: Index,
+    o: PlaneLabelOptions,
+) -> Array:
+    """Return what the steps between pairs (vertex, plane) [K] and the labels of the vertices' neighbours cost, [K]."""
+    (vertex, plane), (start, neighbour) = pairs, neighbours
+    times = (start[1:] - start[:-1])[vertex]
+    row = np.repeat(np.arange(len(vertex)), times)
+    other = neighbour[listed(start[vertex], times)]
+    unlike = plane[row] != label[other]
+    row, other = row[unlike], other[unlike]
+    step = np.zeros(len(row))
+    for at in (vertex[row], other):
+        apart = _places(mesh, planes, at, plane[row]) - _places(mesh, planes, at, label[other])
+        step = np.maximum(step, np.linalg.norm(apart, axis=1) / pixel[at])
+    sums = np.bincount(row, o.step * np.minimum(step / max(o.full_step, 1e-12), 1), len(vertex))
+    return np.asarray(sums, np.float64)
+
+
+def _places(mesh: Mesh, planes: Planes, vertex: Index, plane: Index) -> Array:
+    """Return vertices [K, 3] projected onto their planes; those without stay."""
+    at = mesh.vertices[vertex]
+    some = np.flatnonzero(plane >= 0)
+    at[some] -= planes.distances(at[some], plane[some])[:, None] * planes.normals[plane[some]]
+    return np.asarray(at, np.float64)
