@@ -44,21 +44,35 @@ def near_planes(mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, reach: f
     """
     count = len(planes.normals)
     labelled = np.flatnonzero(planes.label >= 0)
-    keys = np.unique(mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None])
-    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    keys = _distinct((mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None]).ravel())
+    start, neighbour = neighbours(mesh)
+    added = keys
     for _ in range(rings):
-        # only vertices beside a part without plane, or of another one, pass theirs on
-        vertex, plane = np.divmod(keys, count)
-        several = np.bincount(vertex, minlength=len(pixel))
-        begin = np.searchsorted(vertex, np.arange(len(pixel)))
-        first = np.where(several > 0, plane[np.minimum(begin, len(plane) - 1)], -1)
-        apart = (first[start] != first[end]) | (several[start] != several[end])
-        a, b = (np.r_[start[apart], end[apart]], np.r_[end[apart], start[apart]])
-        rows = listed(begin[a], several[a])
-        new, of = np.repeat(b, several[a]), plane[rows]
+        vertex, plane = np.divmod(added, count)
+        times = start[vertex + 1] - start[vertex]
+        new, of = neighbour[listed(start[vertex], times)], np.repeat(plane, times)
         close = np.abs(planes.distances(mesh.vertices[new], of)) <= reach * pixel[new]
-        keys = np.union1d(keys, new[close].astype(np.int64) * count + of[close])
+        wanted = _distinct(new[close] * count + of[close])
+        known = keys[np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)] == wanted
+        added = wanted[~known]
+        if not len(added):
+            break
+        keys = np.sort(np.concatenate([keys, added]))
     return NearPlanes(*np.divmod(keys, count))
+
+
+def neighbours(mesh: Mesh) -> tuple[Index, Index]:
+    """Find the neighbours of each vertex: those of v are ``neighbour[start[v]:start[v + 1]]``."""
+    count = len(mesh.vertices)
+    a, b = mesh.faces.ravel().astype(np.int64), np.roll(mesh.faces, -1, axis=1).ravel().astype(np.int64)
+    first, neighbour = np.divmod(_distinct(np.concatenate([a * count + b, b * count + a])), count)
+    return np.searchsorted(first, np.arange(count + 1)), neighbour
+
+
+def _distinct(keys: Index) -> Index:
+    """Sort numbers [K] and leave out repetitions; faster than ``numpy.unique``, which hashes them."""
+    ordered = np.sort(keys)
+    return ordered[np.r_[True, ordered[1:] != ordered[:-1]][: len(ordered)]]
 
 
 def listed(begin: NDArray[np.integer], times: NDArray[np.integer]) -> Index:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
-from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes
+from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes, neighbours
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
@@ -181,7 +181,7 @@ def _choose(
     vertex, plane, own = vertex[order], plane[order], own[order]
     begin = np.searchsorted(vertex, np.arange(count))
     label = _cheapest(vertex, plane, own, begin)
-    start, neighbour = _neighbours(mesh)
+    start, neighbour = neighbours(mesh)
     random = np.random.default_rng(0)
     for _ in range(o.rounds):
         mixed = np.zeros(count, bool)
@@ -199,17 +199,9 @@ def _choose(
 
 def _cheapest(vertex: Index, plane: Index, cost: Array, begin: Index) -> Index:
     """Return the plane of least cost of each vertex, [N]; pairs are ordered by vertex."""
-    return np.asarray(plane[np.lexsort((cost, vertex))[begin]], np.int64)
-
-
-def _neighbours(mesh: Mesh) -> tuple[Index, Index]:
-    """Return the neighbours of each vertex: those of v are ``neighbour[start[v]:start[v + 1]]``."""
-    count = len(mesh.vertices)
-    a, b = mesh.faces.ravel().astype(np.int64), np.roll(mesh.faces, -1, axis=1).ravel().astype(np.int64)
-    low, high = np.divmod(np.unique(np.minimum(a, b) * count + np.maximum(a, b)), count)
-    order = np.argsort(np.r_[low, high], kind="stable")
-    start = np.searchsorted(np.r_[low, high][order], np.arange(count + 1))
-    return np.asarray(start, np.int64), np.asarray(np.r_[high, low][order], np.int64)
+    least = np.minimum.reduceat(cost, begin)[vertex] == cost
+    rows = np.flatnonzero(least)
+    return plane[rows[np.r_[True, vertex[rows][1:] != vertex[rows][:-1]]]]
 
 
 def _steps(
