@@ -58,10 +58,18 @@ def extend_planes(
     constraint = _constraints(mesh, pixel, planes, label, o)
     at = flat.vertices.copy()
     at[some] = mesh.vertices[some]
-    at = constraint.project(at)
+    at, fixed = constraint.project(at), (label < 0) | _on_border(mesh)
     for _ in range(o.rounds):
-        at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), label < 0))
+        at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
     return replace(flat, vertices=at)
+
+
+def _on_border(mesh: Mesh) -> NDArray[np.bool_]:
+    """Tell which vertices [N] lie on an open edge; smoothing would draw the surface in."""
+    border = np.zeros(len(mesh.vertices), bool)
+    face, corner = np.nonzero(mesh.adjacency.open_edges())
+    border[mesh.faces[face, corner]] = border[mesh.faces[face, (corner + 1) % 3]] = True
+    return border
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,7 @@ class PlaneLabelOptions:
         3.0, "Distance from both planes up to which a vertex is at their crease", "ground px"
     )
     beyond: float = parameter(1.0, "Cost of each ground pixel beyond the crease with another plane")
+    beyond_noise: float = parameter(0.5, "Distance beyond a crease that costs nothing", "ground px")
     side_reach: float = parameter(30.0, "Distance from a plane up to which it is asked on which side another lies",
                                   "ground px")  # fmt: skip
     side: float = parameter(0.9, "Minimum share of such vertices on one side", high=1)
@@ -103,7 +104,7 @@ def _plane_costs(
     size = face_areas(mesh)[found] / pixel[mesh.faces[found]].mean(1) ** 2
     areas = np.bincount(planes.label[found], size, len(planes.normals))
     poor = np.clip(np.maximum(o.area / np.maximum(areas, 1e-12), planes.noise / o.noise), 0, 1)
-    beyond = np.maximum(_beyond_creases(mesh, pixel, planes, wanted, o) - 0.5, 0)
+    beyond = _beyond_creases(mesh, pixel, planes, wanted, 1 - poor, o)
     return (
         _photo_costs(mesh, pixel, planes, photos, wanted, o)
         + o.distance * wanted.off / max(o.reach, 1e-12) + o.small * poor[near.plane] + o.beyond * beyond
@@ -140,8 +141,13 @@ def _at_creases(planes: Planes, wanted: _Wanted, o: PlaneLabelOptions) -> NDArra
     return result
 
 
-def _beyond_creases(mesh: Mesh, pixel: Array, planes: Planes, wanted: _Wanted, o: PlaneLabelOptions) -> Array:
-    """Return how far each place lies beyond the crease of its plane with another one near the vertex, [K], in px."""
+def _beyond_creases(
+    mesh: Mesh, pixel: Array, planes: Planes, wanted: _Wanted, weight: Array, o: PlaneLabelOptions
+) -> Array:
+    """Return how far each place lies beyond the crease of its plane with another one near the vertex, [K], in px.
+
+    Worn edges have small planes of their own: each counts by its ``weight`` [P].
+    """
     near, side = wanted.near, _sides(mesh, pixel, planes, o)
     result = np.zeros(len(wanted.off))
     if not len(result):
@@ -151,8 +157,8 @@ def _beyond_creases(mesh: Mesh, pixel: Array, planes: Planes, wanted: _Wanted, o
     for turn in range(1, int(count.max())):
         rows = np.flatnonzero(count > turn)
         other = near.plane[start[rows] + (rows - start[rows] + turn) % count[rows]]
-        over = planes.distances(wanted.place[rows], other) / pixel[near.vertex[rows]]
-        result[rows] = np.maximum(result[rows], -side[near.plane[rows], other] * over)
+        over = -side[near.plane[rows], other] * planes.distances(wanted.place[rows], other) / pixel[near.vertex[rows]]
+        result[rows] = np.maximum(result[rows], weight[other] * (over - o.beyond_noise))
     return result
 
 

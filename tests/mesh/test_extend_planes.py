@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Planes reach over dents and worn edges of plain walls, and stop where photos show something else."""
+
+import cv2
+import numpy as np
+import pytest
+
+from mgf_engine.geometry.rasterize import render_mesh
+from mgf_engine.mesh.extend_planes import PlaneExtensionOptions, extend_planes
+from mgf_engine.mesh.near_planes import near_planes, neighbours
+from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices
+from mgf_engine.mesh.planar import flatten_planes
+from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, label_vertices
+from mgf_engine.model.mesh import Mesh
+from tests.mesh.test_planar import box, joined, noisy, sheet
+from tests.support.analytic import camera
+
+LINE = np.arange(0, 151.0, 1.5)
+MIDDLE = np.array([75.0, 75.0, 0.0])
+SIZE = np.array([120.0, 90.0, 75.0])  # of the box
+
+
+def dented(depth, radius=8.0):
+    """A wall in z = 0 that faces +z, with a round dent in its middle."""
+
+    def place(u, v):
+        away = np.minimum(np.hypot(u - 75, v - 75) / radius, 1)
+        return u, v, -depth * (1 + np.cos(np.pi * away)) / 2
+
+    return joined(sheet(LINE, LINE, place))
+
+
+def cameras(count=8, radius=100.0, height=160.0):
+    """Cameras around the wall's middle, some 190 away; a pixel covers 1."""
+    angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    return [
+        camera(MIDDLE + np.array([radius * np.cos(a), radius * np.sin(a), height]), MIDDLE, 240, 200, 190.0, f"{i}.png")
+        for i, a in enumerate(angles)
+    ]
+
+
+def plain(view):
+    return np.full((view.height, view.width), 200, np.uint8)
+
+
+def textured(surface):
+    """What a view sees of ``surface`` when it carries a pattern that depends on x and y."""
+    random = np.random.default_rng(0)
+    coarse = cv2.resize(random.random((115, 115)).astype(np.float32), (460, 460), interpolation=cv2.INTER_CUBIC)
+    pattern = np.clip(coarse * 255, 0, 255).astype(np.float32)
+
+    def photo(view):
+        depth = render_mesh(surface, view).depth
+        grid = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), -1).reshape(-1, 2)
+        at = view.unproject(grid, depth.ravel().astype(float))
+        x, y = ((at[:, k] * 3).astype(np.float32).reshape(depth.shape) for k in (0, 1))
+        seen = cv2.remap(pattern, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        return np.where(depth > 0, seen, 0).astype(np.uint8)
+
+    return photo
+
+
+def extended(mesh, views, photo, options=PlaneExtensionOptions()):
+    pixel = np.ones(len(mesh.vertices))
+    pictures = [photo(view) for view in views]
+    flat, planes = flatten_planes(mesh, pixel)
+    assert planes is not None
+    photos = see_vertices(mesh, pixel, views, lambda number: pictures[number])
+    return flat, extend_planes(mesh, flat, pixel, planes, photos, options)
+
+
+def deepest(mesh):
+    return -mesh.vertices[np.hypot(*(mesh.vertices[:, :2] - 75).T) < 6, 2].min()
+
+
+def test_a_dent_that_no_photo_shows_is_filled():
+    flat, result = extended(dented(3.0), cameras(), plain)
+    assert deepest(flat) > 2.9, "flattening alone leaves it"
+    assert deepest(result) < 0.05
+
+
+def test_a_dent_that_photos_show_stays():
+    wall = dented(3.0)
+    _, result = extended(wall, cameras(), textured(wall))
+    assert deepest(result) > 2.5
+
+
+def test_a_dent_is_filled_where_photos_show_the_plane():
+    _, result = extended(dented(3.0), cameras(), textured(dented(0.0)))
+    assert deepest(result) < 0.05
+
+
+def worn_box():
+    """A box whose edges are rounded by three pixels, as depth maps leave them, and how far each vertex is off."""
+    exact = box(*SIZE)
+    at = exact.vertices
+    for _ in range(40):
+        at = exact.adjacency.smooth(at, np.zeros(len(at), bool))
+    return noisy(Mesh(at, exact.faces, exact.colors), 0.05)
+
+
+def outside_views():
+    middle = SIZE / 2
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-0.8, 0.8)])
+    return [camera(middle + 150 * c, middle, 240, 200, 190.0, f"{i}.png") for i, c in enumerate(corners)]
+
+
+def off_the_box(mesh):
+    """Distance of each vertex from the surface of the exact box."""
+    low, high = np.zeros(3), SIZE
+    outside = np.maximum(np.maximum(low - mesh.vertices, mesh.vertices - high), 0)
+    inside = np.minimum(mesh.vertices - low, high - mesh.vertices).min(1)
+    return np.where((outside > 0).any(1), np.linalg.norm(outside, axis=1), np.maximum(inside, 0))
+
+
+def corner_gap(mesh):
+    """Return the distance of the nearest vertex from each corner of the exact box, the largest."""
+    corners = np.array([(x, y, z) for x in (0, 120) for y in (0, 90) for z in (0, 75)], float)
+    return np.linalg.norm(mesh.vertices[None] - corners[:, None], axis=2).min(1).max()
+
+
+def test_worn_edges_of_a_plain_box_become_sharp():
+    worn = worn_box()
+    flat, result = extended(worn, outside_views(), plain)
+    assert (off_the_box(flat) > 0.5).mean() > 0.15
+    assert (off_the_box(result) > 0.5).mean() < 0.06
+    assert corner_gap(result) < corner_gap(flat)
+
+
+def test_faces_slide_instead_of_staying_folded():
+    _, result = extended(worn_box(), outside_views(), plain)
+    _, folded = extended(worn_box(), outside_views(), plain, PlaneExtensionOptions(rounds=0))
+
+    def turned(mesh):
+        a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+        return (np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - SIZE / 2) < 0).sum()
+
+    assert turned(result) <= turned(folded)
+    assert turned(result) < 0.01 * len(result.faces)
+
+
+def test_nothing_moves_where_nothing_is_near_a_plane():
+    far = PlaneExtensionOptions(labels=PlaneLabelOptions(none=0.0))
+    flat, result = extended(dented(3.0), cameras(), plain, far)
+    assert deepest(result) == deepest(flat)
+
+
+def test_vertices_that_no_photo_sees_get_planes_by_the_mesh_alone():
+    wall = dented(3.0)
+    _, result = extended(wall, cameras(height=-160.0), plain)
+    assert np.isfinite(result.vertices).all()
+    assert deepest(result) < 0.05
+
+
+@pytest.mark.parametrize("shift", [-3.0, 3.0])
+def test_patches_look_alike_on_the_surface_and_nowhere_else(shift):
+    wall = dented(0.0)
+    views, photo = cameras(), textured(wall)
+    pictures = [photo(view) for view in views]
+    photos = see_vertices(wall, np.ones(len(wall.vertices)), views, lambda number: pictures[number])
+    inner = np.flatnonzero(np.hypot(*(wall.vertices[:, :2] - 75).T) < 25)
+    normals, pixel = np.tile([0.0, 0, 1], (len(inner), 1)), np.ones(len(inner))
+    on, contrast = compare_patches(photos, inner, wall.vertices[inner], normals, pixel)
+    off, _ = compare_patches(photos, inner, wall.vertices[inner] + (0, 0, shift), normals, pixel)
+    assert np.median(on) > 0.9
+    assert np.median(off) < np.median(on) - 0.3
+    assert np.median(contrast) > 20
+
+
+def test_plain_photos_have_no_contrast_and_no_likeness():
+    wall = dented(0.0)
+    photos = see_vertices(wall, np.ones(len(wall.vertices)), cameras(), lambda number: plain(cameras()[number]))
+    middle = np.array([int(np.hypot(*(wall.vertices[:, :2] - 75).T).argmin())])
+    score, contrast = compare_patches(photos, middle, wall.vertices[middle], np.array([[0.0, 0, 1]]), np.ones(1))
+    assert (score, contrast) == (0, 0)
+    nothing = compare_patches(photos, middle[:0], np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    assert [len(part) for part in nothing] == [0, 0]
+
+
+def test_views_that_see_a_vertex_best_face_it_and_nothing_hides_it():
+    both = joined(sheet(LINE, LINE, lambda u, v: (u, v, 0 * u)), sheet(LINE, LINE, lambda u, v: (u, v, 0 * u - 20)))
+    views = [*cameras(4), *cameras(4, height=-160.0)]
+    photos = see_vertices(both, np.ones(len(both.vertices)), views, lambda number: plain(views[number]))
+    near = np.hypot(*(both.vertices[:, :2] - 75).T) < 10
+    upper, lower = near & (both.vertices[:, 2] == 0), near & (both.vertices[:, 2] == -20)
+    assert set(photos.best[upper].ravel()) == {-1, 0, 1, 2, 3}
+    assert set(photos.best[lower].ravel()) == {-1}, "hidden from above, and facing away from below"
+
+
+def flat_planes(mesh, heights):
+    """Planes z = height of which none was found on a face, but the first on all."""
+    normals = np.tile([0.0, 0, 1], (len(heights), 1))
+    return Planes(normals, np.array(heights, float), np.zeros(len(heights)), np.zeros(len(mesh.faces), np.int32))
+
+
+def test_labels_of_least_cost_agree_with_trying_all():
+    """On a strip of a few vertices every labelling can be tried."""
+    mesh = joined(sheet(np.arange(3.0), np.arange(2.0), lambda u, v: (u, v, 0 * u)))
+    pixel, planes = np.ones(6), flat_planes(mesh, [0.5, -0.5])
+    near = near_planes(mesh, pixel, planes, 2.0, 2)
+    planes_of = np.r_[near.plane, 1 - near.plane]
+    vertex = np.r_[near.vertex, near.vertex]
+    order = np.lexsort((planes_of, vertex))
+    near = type(near)(vertex[order], planes_of[order])
+    start, neighbour = neighbours(mesh)
+    o = PlaneLabelOptions(step=0.3, full_step=1.0, rounds=30)
+    heights = np.array([0.5, -0.5, 0.0])  # the last is of label -1
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        cost, none = random.random(len(near.vertex)), random.random(6)
+        table = np.c_[cost.reshape(6, 2), none]
+
+        def energy(labels, table=table):
+            steps = [
+                0.3 * min(abs(heights[labels[v]] - heights[labels[n]]), 1.0)
+                for v in range(6) for n in neighbour[start[v] : start[v + 1]] if v < n and labels[v] != labels[n]
+            ]  # fmt: skip
+            return table[np.arange(6), labels].sum() + sum(steps)
+
+        tried = [energy(np.array(np.unravel_index(i, (3,) * 6))) for i in range(3**6)]
+        found = _choose(mesh, pixel, planes, near, cost, none, o)
+        assert energy(np.where(found < 0, 2, found)) <= np.percentile(tried, 1)
+        one_by_one = energy(table.argmin(1))
+        assert energy(np.where(found < 0, 2, found)) <= one_by_one
+
+
+def test_planes_spread_along_edges_up_to_their_reach():
+    mesh = joined(sheet(np.arange(30.0), np.arange(4.0), lambda u, v: (u, v, np.maximum(u - 10, 0) * 0.5)))
+    label = np.where(mesh.vertices[mesh.faces][:, :, 0].max(1) <= 10, 0, -1).astype(np.int32)
+    planes = Planes(np.array([[0.0, 0, 1]]), np.zeros(1), np.zeros(1), label)
+    for rings, reach, last in ((3, 100.0, 13), (50, 2.0, 14), (0, 100.0, 10)):
+        near = near_planes(mesh, np.ones(len(mesh.vertices)), planes, reach, rings)
+        assert mesh.vertices[near.vertex, 0].max() == last
+        assert (np.diff(near.vertex) > 0).all()
+
+
+def test_a_vertex_does_not_go_beyond_the_crease_of_its_plane():
+    """Of a ridge, the slope that a vertex belongs to ends at the other."""
+    across, rise = np.arange(-75, 75.1, 1.5), 0.6
+    roof = noisy(joined(sheet(across, LINE, lambda u, v: (u, v, -rise * np.maximum(np.abs(u), 3.0)))), 0.05)
+    views = [camera((x, y, 160.0), (0, 75, -20), 240, 200, 190.0, f"{x}{y}") for x in (-90, 90) for y in (0, 150)]
+    _, result = extended(roof, views, plain)
+    assert result.vertices[:, 2].max() < 0.3, "nothing sticks out above the ridge"
+    assert result.vertices[:, 2].max() > -0.3, "and the ridge is sharp again"
+
+
+def test_labels_are_of_planes_or_none():
+    mesh = worn_box()
+    pixel = np.ones(len(mesh.vertices))
+    _, planes = flatten_planes(mesh, pixel)
+    views = outside_views()
+    photos = see_vertices(mesh, pixel, views, lambda number: plain(views[number]))
+    label = label_vertices(mesh, pixel, planes, photos)
+    assert label.shape == (len(mesh.vertices),)
+    assert label.min() >= -1
+    assert label.max() < len(planes.normals)
