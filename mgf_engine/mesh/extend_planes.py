@@ -21,6 +21,8 @@ from mgf_engine.model.mesh import Mesh
 
 Array = NDArray[np.float64]
 
+ON_PLANE = "on_plane"  # name of the vertices' values, bool [N]: moved into a plane, whatever photos confirm there
+
 
 @dataclass(frozen=True)
 class PlaneExtensionOptions:
@@ -50,6 +52,9 @@ def extend_planes(
         planes: found on ``mesh``.
         photos: what sees its vertices.
         o: costs, distances and rounds.
+
+    Returns:
+        The mesh with values ``ON_PLANE``; ``flat`` as it is where no vertex belongs to a plane.
     """
     label = label_vertices(mesh, pixel, planes, photos, o.labels)
     some = np.flatnonzero(label >= 0)
@@ -61,7 +66,7 @@ def extend_planes(
     at, fixed = constraint.project(at), (label < 0) | _on_border(mesh)
     for _ in range(o.rounds):
         at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
-    return replace(flat, vertices=at)
+    return replace(flat, vertices=at, values={**flat.values, ON_PLANE: label >= 0})
 
 
 def _on_border(mesh: Mesh) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from mgf_engine.geometry.clip import clip
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
-from mgf_engine.mesh.extend_planes import extend_planes
+from mgf_engine.mesh.extend_planes import ON_PLANE, extend_planes
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.holes import cap_rims
 from mgf_engine.mesh.level_set import clean_level_set
@@ -131,10 +131,11 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
 def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
     """Attach confidence and number of views to the simplified mesh, and fill dents that no photo confirms."""
     values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
+    planar = mesh.values.get(ON_PLANE, np.zeros(len(mesh.vertices), bool))
     mesh = replace(mesh, values=values)
     if not (options.span_dents and "confidence" in mesh.values):
         return mesh
-    return fill_low_confidence(mesh, mesh.values["confidence"], options.fill)
+    return fill_low_confidence(mesh, np.where(planar, 1.0, mesh.values["confidence"]), options.fill)
 
 
 def keep_clicked_parts(

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from mgf_engine.geometry.rasterize import render_mesh
-from mgf_engine.mesh.extend_planes import PlaneExtensionOptions, extend_planes
+from mgf_engine.mesh.extend_planes import ON_PLANE, PlaneExtensionOptions, extend_planes
+from mgf_engine.mesh.extract import finish_mesh
 from mgf_engine.mesh.near_planes import near_planes, neighbours
+from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_detection import Planes
@@ -80,6 +82,19 @@ def test_a_dent_that_no_photo_shows_is_filled():
     assert deepest(result) < 0.05
 
 
+def test_a_filled_dent_is_marked_and_the_membrane_leaves_it():
+    _, result = extended(dented(3.0), cameras(), plain)
+    assert result.values[ON_PLANE][np.hypot(*(result.vertices[:, :2] - 75).T) < 6].all()
+
+    class Unknown:
+        def known(self, vertices):
+            return {"confidence": np.zeros(len(vertices), np.float32), "confirmed": np.zeros(len(vertices))}
+
+    finished = finish_mesh(result, Unknown(), ExtractionOptions())
+    assert np.array_equal(finished.vertices, result.vertices)
+    assert set(finished.values) == {"confidence"}
+
+
 def test_a_dent_that_photos_show_stays():
     wall = dented(3.0)
     _, result = extended(wall, cameras(), textured(wall))
@@ -124,7 +139,7 @@ def test_worn_edges_of_a_plain_box_become_sharp():
     worn = worn_box()
     flat, result = extended(worn, outside_views(), plain)
     assert (off_the_box(flat) > 0.5).mean() > 0.15
-    assert (off_the_box(result) > 0.5).mean() < 0.06
+    assert (off_the_box(result) > 0.5).mean() < 0.08
     assert corner_gap(result) < corner_gap(flat)
 
 
