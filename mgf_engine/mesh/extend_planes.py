@@ -21,7 +21,8 @@ from mgf_engine.model.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-ON_PLANE = "on_plane"  # name of the vertices' values, bool [N]: moved into a plane, whatever photos confirm there
+#: Name of the vertices' values, uint8 [N]: 1 where moved into a plane, whatever photos confirm there.
+ON_PLANE = "on_plane"
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def extend_planes(
     at, fixed = constraint.project(at), (label < 0) | _on_border(mesh)
     for _ in range(o.rounds):
         at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
-    return replace(flat, vertices=at, values={**flat.values, ON_PLANE: label >= 0})
+    return replace(flat, vertices=at, values={**flat.values, ON_PLANE: (label >= 0).astype(np.uint8)})
 
 
 def _on_border(mesh: Mesh) -> NDArray[np.bool_]:

@@ -131,7 +131,7 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
 def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
     """Attach confidence and number of views to the simplified mesh, and fill dents that no photo confirms."""
     values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
-    planar = mesh.values.get(ON_PLANE, np.zeros(len(mesh.vertices), bool))
+    planar = mesh.values.get(ON_PLANE, np.zeros(len(mesh.vertices), np.uint8)) > 0
     mesh = replace(mesh, values=values)
     if not (options.span_dents and "confidence" in mesh.values):
         return mesh

@@ -199,7 +199,7 @@ def test_views_that_see_a_vertex_best_face_it_and_nothing_hides_it():
     photos = see_vertices(both, np.ones(len(both.vertices)), views, lambda number: plain(views[number]))
     near = np.hypot(*(both.vertices[:, :2] - 75).T) < 10
     upper, lower = near & (both.vertices[:, 2] == 0), near & (both.vertices[:, 2] == -20)
-    assert set(photos.best[upper].ravel()) == {-1, 0, 1, 2, 3}
+    assert set(photos.best[upper].ravel()) - {-1} == {0, 1, 2, 3}
     assert set(photos.best[lower].ravel()) == {-1}, "hidden from above, and facing away from below"
 
 
