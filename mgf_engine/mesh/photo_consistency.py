@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import render_mesh
+from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
@@ -70,7 +72,7 @@ def see_vertices(
         options: how many, and what hides a vertex.
     """
     at, rows = mesh.vertices, np.arange(len(mesh.vertices))
-    normals = _unit(mesh.adjacency.vertex_normals(np.ascontiguousarray(at)))
+    normals = vertex_normals(mesh)
     best = np.full((len(at), options.views), -1, np.int32)
     score = np.zeros((len(at), options.views), np.float32)
     for number, view in enumerate(views):
@@ -120,7 +122,7 @@ def _sample(
 ) -> NDArray[np.float32]:
     """Return the brightness of each patch in each of its photos, [M, K, P]; 0 where there is none."""
     other = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    right = _unit(np.cross(normals, other)) * pixel[:, None]
+    right = unit_vectors(np.cross(normals, other)) * pixel[:, None]
     up = np.cross(normals, right)
     steps = np.arange(-photos.options.radius, photos.options.radius + 1)
     u, v = (grid.ravel() for grid in np.meshgrid(steps, steps))
@@ -149,7 +151,3 @@ def _correlate(patches: NDArray[np.float32], seen: NDArray[np.bool_], o: PatchOp
     score = np.where(known.any(2), mean, -np.inf).max(1)
     contrast = np.sort(np.sqrt(variance), axis=1)[:, -2]
     return np.where(np.isfinite(score), score, 0.0).astype(np.float64), contrast.astype(np.float64)
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300))

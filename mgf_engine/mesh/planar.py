@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.mesh.near_planes import near_planes
+from mgf_engine.mesh.near_planes import listed, near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import MeshFaces, Planes, find_planes, measure_faces
 from mgf_engine.model.mesh import Mesh
@@ -63,7 +63,7 @@ def _sides(
     corner = mesh.adjacency.corner
     start = mesh.adjacency.start.astype(np.int64)
     times = (start[1:] - start[:-1])[vertex]
-    rows = np.repeat(start[vertex] - np.r_[0, np.cumsum(times)[:-1]], times) + np.arange(times.sum())
+    rows = listed(start[vertex], times)
     key, shared = np.unique((corner[rows] // 3).astype(np.int64) * len(planes.normals) + np.repeat(plane, times),
                             return_counts=True)  # fmt: skip
     face, of = np.divmod(key[shared == 3], len(planes.normals))

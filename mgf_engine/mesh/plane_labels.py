@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
+from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes, neighbours
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
 from mgf_engine.mesh.plane_detection import Planes
@@ -57,12 +58,20 @@ class PlaneLabelOptions:
 
 
 @dataclass(frozen=True)
-class _Wanted:
-    """Pairs of a vertex and a plane with the place [K, 3] that the plane gives the vertex, and how far that is [K]."""
+class _Candidates:
+    """Planes that vertices may get.
+
+    Attributes:
+        near: pairs of a vertex and a plane, K of them.
+        place: the vertices' feet on their planes, [K, 3].
+        off: distances from their planes, in ground pixels, [K].
+        normals: unit, of all vertices, [N, 3].
+    """
 
     near: NearPlanes
     place: Array
     off: Array
+    normals: Array
 
 
 def label_vertices(
@@ -77,63 +86,61 @@ def label_vertices(
         photos: what sees its vertices.
         o: costs and distances.
     """
-    wanted = _wanted(mesh, pixel, planes, o)
+    candidates = _candidates(mesh, pixel, planes, o)
     area = np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
-    cost = np.minimum(area, 9.0)[wanted.near.vertex] * _plane_costs(mesh, pixel, planes, photos, wanted, o)
-    return _choose(mesh, pixel, planes, wanted.near, cost, np.minimum(area, 9.0) * o.none, o)
+    cost = np.minimum(area, 9.0)[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, o)
+    return _choose(mesh, pixel, planes, candidates.near, cost, np.minimum(area, 9.0) * o.none, o)
 
 
-def _wanted(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> _Wanted:
+def _candidates(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> _Candidates:
     """Return the planes that each vertex may get; none that it faces away from."""
-    near = near_planes(mesh, pixel, planes, o.reach, o.rings)
-    normals = mesh.adjacency.vertex_normals(np.ascontiguousarray(mesh.vertices))
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    near, normals = near_planes(mesh, pixel, planes, o.reach, o.rings), vertex_normals(mesh)
     kept = np.einsum("ij,ij->i", normals[near.vertex], planes.normals[near.plane]) > o.facing
     near = NearPlanes(near.vertex[kept], near.plane[kept])
     shift = planes.distances(mesh.vertices[near.vertex], near.plane)
     place = mesh.vertices[near.vertex] - shift[:, None] * planes.normals[near.plane]
-    return _Wanted(near, place, np.abs(shift) / pixel[near.vertex])
+    return _Candidates(near, place, np.abs(shift) / pixel[near.vertex], normals)
 
 
 def _plane_costs(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, wanted: _Wanted, o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, o: PlaneLabelOptions
 ) -> Array:
     """Return what each pair costs per square ground pixel, [K]."""
-    near = wanted.near
+    near = candidates.near
     found = planes.label >= 0
     size = face_areas(mesh)[found] / pixel[mesh.faces[found]].mean(1) ** 2
     areas = np.bincount(planes.label[found], size, len(planes.normals))
     poor = np.clip(np.maximum(o.area / np.maximum(areas, 1e-12), planes.noise / o.noise), 0, 1)
-    beyond = _beyond_creases(mesh, pixel, planes, wanted, 1 - poor, o)
+    beyond = _beyond_creases(mesh, pixel, planes, candidates, 1 - poor, o)
     return (
-        _photo_costs(mesh, pixel, planes, photos, wanted, o)
-        + o.distance * wanted.off / max(o.reach, 1e-12) + o.small * poor[near.plane] + o.beyond * beyond
+        _photo_costs(mesh, pixel, planes, photos, candidates, o)
+        + o.distance * candidates.off / max(o.reach, 1e-12) + o.small * poor[near.plane] + o.beyond * beyond
     )  # fmt: skip
 
 
 def _photo_costs(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, wanted: _Wanted, o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, o: PlaneLabelOptions
 ) -> Array:
     """Return by how much less the photos look alike in the plane than at the vertex, where they have contrast, [K]."""
-    cost = np.zeros(len(wanted.off))
-    asked = np.flatnonzero(wanted.off > o.near)
-    vertex, plane = wanted.near.vertex[asked], wanted.near.plane[asked]
-    normals = mesh.adjacency.vertex_normals(np.ascontiguousarray(mesh.vertices))
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    cost = np.zeros(len(candidates.off))
+    asked = np.flatnonzero(candidates.off > o.near)
+    vertex, plane = candidates.near.vertex[asked], candidates.near.plane[asked]
     own, index = np.unique(vertex, return_inverse=True)
-    here, contrast = compare_patches(photos, own, mesh.vertices[own], normals[own], pixel[own])
-    there, other = compare_patches(photos, vertex, wanted.place[asked], planes.normals[plane], pixel[vertex])
+    here, contrast = compare_patches(photos, own, mesh.vertices[own], candidates.normals[own], pixel[own])
+    there, other = compare_patches(photos, vertex, candidates.place[asked], planes.normals[plane], pixel[vertex])
     sure = np.minimum(np.maximum(contrast[index], other) / o.contrast, 1)
-    margin = np.where(_at_creases(planes, wanted, o)[vertex], 0.0, o.margin) * np.clip(wanted.off[asked] - o.near, 0, 1)
+    margin = np.where(_at_creases(planes, candidates, o)[vertex], 0.0, o.margin) * np.clip(
+        candidates.off[asked] - o.near, 0, 1
+    )
     cost[asked] = sure * (here[index] - there + margin)
     return cost
 
 
-def _at_creases(planes: Planes, wanted: _Wanted, o: PlaneLabelOptions) -> NDArray[np.bool_]:
+def _at_creases(planes: Planes, candidates: _Candidates, o: PlaneLabelOptions) -> NDArray[np.bool_]:
     """Tell which vertices are near two planes that meet at an angle, bool [at least the largest vertex + 1]."""
-    close = wanted.off <= o.crease_reach
-    near = NearPlanes(wanted.near.vertex[close], wanted.near.plane[close])
-    result = np.zeros(wanted.near.vertex.max(initial=-1) + 1, bool)
+    close = candidates.off <= o.crease_reach
+    near = NearPlanes(candidates.near.vertex[close], candidates.near.plane[close])
+    result = np.zeros(candidates.near.vertex.max(initial=-1) + 1, bool)
     if len(near.vertex):
         first = np.repeat(near.plane[near.begin[:-1]], np.diff(near.begin))
         cosine = np.einsum("ij,ij->i", planes.normals[first], planes.normals[near.plane])
@@ -142,14 +149,14 @@ def _at_creases(planes: Planes, wanted: _Wanted, o: PlaneLabelOptions) -> NDArra
 
 
 def _beyond_creases(
-    mesh: Mesh, pixel: Array, planes: Planes, wanted: _Wanted, weight: Array, o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, candidates: _Candidates, weight: Array, o: PlaneLabelOptions
 ) -> Array:
     """Return how far each place lies beyond the crease of its plane with another one near the vertex, [K], in px.
 
     Worn edges have small planes of their own: each counts by its ``weight`` [P].
     """
-    near, side = wanted.near, _sides(mesh, pixel, planes, o)
-    result = np.zeros(len(wanted.off))
+    near, side = candidates.near, _sides(mesh, pixel, planes, o)
+    result = np.zeros(len(candidates.off))
     if not len(result):
         return result
     count = np.diff(near.begin)
@@ -157,7 +164,9 @@ def _beyond_creases(
     for turn in range(1, int(count.max())):
         rows = np.flatnonzero(count > turn)
         other = near.plane[start[rows] + (rows - start[rows] + turn) % count[rows]]
-        over = -side[near.plane[rows], other] * planes.distances(wanted.place[rows], other) / pixel[near.vertex[rows]]
+        over = (
+            -side[near.plane[rows], other] * planes.distances(candidates.place[rows], other) / pixel[near.vertex[rows]]
+        )
         result[rows] = np.maximum(result[rows], weight[other] * (over - o.beyond_noise))
     return result
 
