@@ -33,7 +33,7 @@ class PlaneExtensionOptions:
     angle: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
     reach: float = parameter(3.0, "Maximum distance of a vertex from an edge or a corner, beyond that from its planes",
                              "ground px")  # fmt: skip
-    rounds: int = parameter(15, "Number of rounds in which vertices slide within their planes")
+    rounds: int = parameter(50, "Number of rounds in which vertices slide within their planes")
 
 
 def extend_planes(

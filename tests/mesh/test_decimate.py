@@ -234,3 +234,24 @@ def test_progress_grows_and_cancelling_stops():
 
     with pytest.raises(Cancelled):
         reduce_faces(mesh, tolerance=0.01, progress=cancel)
+
+
+def folded_area(mesh: Mesh) -> float:
+    """Area of the faces of a sheet that look downwards."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return float(np.clip(-np.cross(b - a, c - a)[:, 2], 0, None).sum() / 2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_folded_over_within_a_wall_shrinks(seed):
+    rng = np.random.default_rng(seed)
+    across, along = (axis.ravel() for axis in np.meshgrid(np.arange(60.0), np.arange(60.0)))
+    faces = np.array([[i, i + 1, i + 61] for i in range(59 * 60) if i % 60 < 59]
+                     + [[i, i + 61, i + 60] for i in range(59 * 60) if i % 60 < 59], np.int32)  # fmt: skip
+    inner = (across > 0) & (across < 59) & (along > 0) & (along < 59) & (rng.random(3600) < 0.1)
+    flat = np.stack([across, along, np.zeros(3600)], 1)
+    flat[inner, :2] += rng.normal(size=(inner.sum(), 2))
+    sheet = Mesh(flat, faces, np.zeros((3600, 3), np.uint8))
+    reduced = reduce_faces(sheet, tolerance=0.05)
+    assert folded_area(sheet) > 20
+    assert folded_area(reduced) < 0.05 * folded_area(sheet)

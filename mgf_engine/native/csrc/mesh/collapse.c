@@ -86,6 +86,13 @@ static int within(const Mesh *m, const Star *star) {
     return 1;
 }
 
+// Whether both ends may go to `where`; notes the samples.
+static int fits(Mesh *m, Star *star, int32_t a, int32_t b, Point where, const float color[3]) {
+    for (int i = 0; i < star->count; i++)
+        for (int k = 0; k < 3; k++) star->now[i][k] = k == star->corner[i] ? where : star->old[i][k];
+    return sound(star) && faithful(m, star, a, b, where, color);
+}
+
 static int try_collapse(Mesh *m, int32_t a, int32_t b) {
     if (m->rim[b] && !m->rim[a]) {
         const int32_t swap = a;
@@ -101,17 +108,17 @@ static int try_collapse(Mesh *m, int32_t a, int32_t b) {
     if (!within(m, &star)) return m->touched[a] = m->touched[b] = 1, 0;
     if (!linked(m, a, b, &star, from_b)) return 0;
     const Quadric sum = quadric_sum(m->quadric + a, m->quadric + b);
-    const Point where = target(m, a, b, &sum);
-    for (int i = 0; i < star.count; i++)
-        for (int k = 0; k < 3; k++) {
-            star.old[i][k] = m->at[m->face[star.face[i]][k]];
-            star.now[i][k] = k == star.corner[i] ? where : star.old[i][k];
-        }
-    if (!sound(&star)) return 0;
     float color[3];
     const double share = m->quadric[b].weight / (sum.weight + 1e-300);
     for (int k = 0; k < 3; k++) color[k] = (float)(m->color[a][k] + share * (m->color[b][k] - m->color[a][k]));
-    if (!faithful(m, &star, a, b, where, color)) return 0;
+    for (int i = 0; i < star.count; i++)
+        for (int k = 0; k < 3; k++) star.old[i][k] = m->at[m->face[star.face[i]][k]];
+    Point where = target(m, a, b, &sum);
+    if (!fits(m, &star, a, b, where, color)) {  // a fold that one place leaves may be gone with another
+        if (m->rim[a] || !folded(&star)) return 0;
+        where = m->at[a];
+        if (!fits(m, &star, a, b, where, color) && !fits(m, &star, a, b, where = m->at[b], color)) return 0;
+    }
     apply(m, &star, a, b, where, color);
     offer_around(m, a);
     return 1;

@@ -70,15 +70,34 @@ static double shape(Point normal, const Point v[3]) {
     return sum > 0 ? 3.4641016151377544 * sqrt(dot(normal, normal)) / sum : 0;
 }
 
-// Whether the new faces are no needles (or no worse ones than before) and look the same way as the old ones, or as all
-// old ones together: steep little bumps of noise may be levelled.
-static int sound(const Star *star) {
-    double worst_old = SHAPE, worst_new = 1;
+// Twice the area of the old faces around an edge, as a vector: the way that they look all together.
+static Point looks(const Star *star) {
     Point whole = {0, 0, 0};
     for (int i = 0; i < star->count; i++) {
-        const Point *o = star->old[i], old = cross(minus(o[1], o[0]), minus(o[2], o[0]));
-        worst_old = fmin(worst_old, shape(old, o));
-        whole = plus(whole, old, 1);
+        const Point *o = star->old[i];
+        whole = plus(whole, cross(minus(o[1], o[0]), minus(o[2], o[0])), 1);
+    }
+    return whole;
+}
+
+// Whether one of the old faces looks the other way than all together: the surface is folded there.
+static int folded(const Star *star) {
+    const Point whole = looks(star);
+    for (int i = 0; i < star->count; i++) {
+        const Point *o = star->old[i];
+        if (dot(cross(minus(o[1], o[0]), minus(o[2], o[0])), whole) < 0) return 1;
+    }
+    return 0;
+}
+
+// Whether the new faces are no needles (or no worse ones than before) and look the same way as the old ones, or as all
+// old ones together: steep little bumps of noise may be levelled. What is folded over does not grow.
+static int sound(const Star *star) {
+    double worst_old = SHAPE, worst_new = 1;
+    const Point whole = looks(star);
+    for (int i = 0; i < star->count; i++) {
+        const Point *o = star->old[i];
+        worst_old = fmin(worst_old, shape(cross(minus(o[1], o[0]), minus(o[2], o[0])), o));
     }
     for (int i = star->shared; i < star->count; i++) {
         const Point *o = star->old[i], *v = star->now[i];
@@ -86,6 +105,7 @@ static int sound(const Star *star) {
         const double size = sqrt(dot(now, now));
         if (dot(old, now) < TURN * size * sqrt(dot(old, old)) && dot(whole, now) < TURN * size * sqrt(dot(whole, whole)))
             return 0;
+        if (dot(now, whole) < 0 && size > sqrt(dot(old, old))) return 0;
         worst_new = fmin(worst_new, shape(now, v));
     }
     return worst_new >= worst_old && worst_new > 0;
