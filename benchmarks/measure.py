@@ -247,11 +247,13 @@ def _source(folder: Path, poses: str, job: Path) -> Path:
 
 def _engine(run: Run, source: Path, scene: Path, job: Path) -> list[str]:
     command = [sys.executable, "-m", "mgf_engine", "reconstruct", str(source), "--out", str(job), "--progress", "json"]
-    command += ["--prompts", str(scene / "prompts.json"), "--resume"]
+    command.append("--resume")
     if run.masks == "true":
         command += ["--masks", str(scene / "masks")]
     elif run.masks == "true elements":
         command += ["--masks", str(write_elements(scene, source.with_name(source.name + "-elements")))]
+    else:
+        command += ["--prompts", str(scene / "prompts.json")]
     for name, value in {**run.options, "seed": run.seed}.items():
         command += ["--set", f"{name}={value}"]
     return command

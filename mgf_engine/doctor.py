@@ -4,18 +4,39 @@
 from __future__ import annotations
 
 import importlib.util
+import platform
+import sys
 from pathlib import Path
 
 from mgf_engine import __version__
-from mgf_engine.drawings.command import NEEDED
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
-from mgf_engine.georef.crs import SURVEY
-from mgf_engine.masks.segmenters.download import default_folder
+from mgf_engine.masks.segmenters.download import WEIGHTS, check_file, default_folder
 from mgf_engine.masks.segmenters.notice import standing
 from mgf_engine.memory import GB, free_memory
 from mgf_engine.system import cores, cpu_name, total_memory, versions
 
-SURVEY_PACKAGES = (*NEEDED, "pyproj", "pyceres")
+#: Extra -> what it is for, and what it brings, package by module.
+EXTRAS: dict[str, tuple[str, dict[str, str]]] = {
+    "survey": (
+        "drawings, map coordinates",
+        {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely", "pyproj": "pyproj", "pyceres": "pyceres"},
+    ),
+    "models": (
+        "mgf models, laser scans",
+        {
+            "xatlas": "xatlas", "fast_simplification": "fast-simplification", "DracoPy": "DracoPy",
+            "shapely": "shapely", "pyproj": "pyproj", "ifcopenshell": "ifcopenshell", "pxr": "usd-core",
+            "laspy": "laspy", "lazrs": "lazrs", "pye57": "pye57",
+        },
+    ),
+    "town": (
+        "many buildings",
+        {
+            "snakemake": "snakemake", "snakemake_executor_plugin_slurm": "snakemake-executor-plugin-slurm",
+            "pyogrio": "pyogrio", "shapely": "shapely", "pyproj": "pyproj",
+        },
+    ),
+}  # fmt: skip
 
 
 def report(weights: Path | None = None) -> int:
@@ -38,11 +59,13 @@ def report(weights: Path | None = None) -> int:
     except (ImportError, OSError, RuntimeError) as error:
         problems.append(f"The CPU kernels cannot be loaded: {error}")
     print(f"  {'CUDA':<32} {_cuda()}")
-    print(f"  {'drawings, map coordinates':<32} {_survey()}")
-    try:
-        print(f"  {'segmenter of the masks':<32} {standing(weights or default_folder())}")
-    except BadInput as error:
-        problems.append(str(error))
+    for extra, (purpose, packages) in EXTRAS.items():
+        print(f"  {purpose:<32} {_extra(extra, packages)}")
+    for purpose, say in (("LPIPS in reports", _lpips), ("segmenter of the masks", standing)):
+        try:
+            print(f"  {purpose:<32} {say(weights or default_folder())}")
+        except BadInput as error:
+            problems.append(str(error))
     for problem in problems:
         print(f"Problem: {problem}")
     if not problems:
@@ -50,9 +73,38 @@ def report(weights: Path | None = None) -> int:
     return EXIT_FAULT if problems else EXIT_DONE
 
 
-def _survey() -> str:
-    missing = [name for name in SURVEY_PACKAGES if importlib.util.find_spec(name) is None]
-    return f"need {', '.join(missing)}: {SURVEY}" if missing else "yes"
+def _extra(extra: str, packages: dict[str, str]) -> str:
+    """Say whether an extra is there, else what it lacks and how to get it."""
+    missing = [name for module, name in packages.items() if _needed_here(name) and not _installed(module)]
+    return f"need {', '.join(missing)}: pip install 'mgf-engine[{extra}]'" if missing else "yes"
+
+
+def _needed_here(package: str) -> bool:
+    """Tell whether this machine can have a package: pyceres has no wheels for Linux on ARM."""
+    return package != "pyceres" or sys.platform != "linux" or platform.machine() == "x86_64"
+
+
+def _installed(module: str) -> bool:
+    return importlib.util.find_spec(module) is not None
+
+
+def _lpips(folder: Path) -> str:
+    """Say with which network LPIPS is measured, else how to get one.
+
+    Raises:
+        BadInput: weights are there, but damaged.
+    """
+    try:  # late, for it needs torch
+        from mgf_engine.evaluation.lpips import NETWORKS, how_to_get
+    except ImportError:
+        return "torch is missing"
+    for network, title in NETWORKS.items():
+        files = WEIGHTS[network]
+        if all((folder / f.name).is_file() for f in files):
+            for file in files:
+                check_file(folder / file.name, file, folder)
+            return title
+    return f"not measured; {how_to_get()}"
 
 
 def _cuda() -> str:

@@ -19,7 +19,16 @@ from mgf_engine import __version__
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.inputs import Inputs, read_inputs
-from mgf_engine.job_folder import FORMAT, acquire, check_folder, check_inputs, check_no_file, make_folder, read_job
+from mgf_engine.job_folder import (
+    FORMAT,
+    acquire,
+    check_folder,
+    check_inputs,
+    check_no_file,
+    check_one_guide,
+    make_folder,
+    read_job,
+)
 from mgf_engine.runs import delivered
 from mgf_engine.stage_keys import TABLES, adjusts_to_control, stage_keys
 from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, Stage, stage_named
@@ -121,11 +130,12 @@ class Job:
     ) -> Job:
         """Return the job that :meth:`start` asks for, with what the folder's job file says; nothing is written."""
         stages: dict[str, dict[str, Any]] = {}
+        check_one_guide(prompts, masks)
         if resume and (source is None or (folder / "job.json").exists()):
             earlier = read_job(folder)
             source, stages = source or Path(earlier["source"]), earlier["stages"]
-            if prompts is None:  # clicks given anew are meant to be used: they would not be beside earlier masks
-                prompts, masks = _path(earlier["prompts"]), masks or _path(earlier["masks"])
+            if prompts is None and masks is None:  # what is given anew is meant to be used, alone
+                prompts, masks = _path(earlier["prompts"]), _path(earlier["masks"])
             given = {**earlier["given"], **given}
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")

@@ -155,6 +155,16 @@ def check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: P
         raise BadInput(f"The mask folder '{masks}' is a file; give a folder with one PNG per photo.")
 
 
+def check_one_guide(prompts: Path | None, masks: Path | None) -> None:
+    """Check that no clicks are given beside masks, which would be used alone.
+
+    Raises:
+        BadInput: both are given.
+    """
+    if prompts is not None and masks is not None:
+        raise BadInput("Give either --prompts or --masks, not both: where there are masks, clicks are not used.")
+
+
 def check_folder(folder: Path, source: Path, resume: bool) -> None:
     """Check that the folder is empty, or holds the job of this scene; a job that did nothing yet counts as empty.
 

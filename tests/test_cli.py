@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 import trimesh
 
 from benchmarks.synthetic.colmap_scene import reconstruction, write_model
-from mgf_engine import cli
+from mgf_engine import cli, doctor
 from mgf_engine.cli import main
 from mgf_engine.cli_arguments import Parser, make_parser
 from mgf_engine.masks.segmenters import download
@@ -263,6 +264,34 @@ def test_doctor_names_versions_and_the_kernel_variant() -> None:
     assert run.returncode == 0, run.stdout
     assert "kernel variant" in run.stdout
     assert "Everything a job needs is here." in run.stdout
+
+
+def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(doctor, "_installed", lambda module: module not in ("ezdxf", "pxr", "snakemake"))
+    assert main(["doctor", "--weights", str(tmp_path)]) == 0  # a job needs none of them
+    said = " ".join(capsys.readouterr().out.split())
+    assert "drawings, map coordinates need ezdxf: pip install 'mgf-engine[survey]'" in said
+    assert "mgf models, laser scans need usd-core: pip install 'mgf-engine[models]'" in said
+    assert "many buildings need snakemake: pip install 'mgf-engine[town]'" in said
+    assert "LPIPS in reports not measured; 'mgf weights --model lpips-alex' fetches" in said
+    monkeypatch.setattr(doctor, "_installed", lambda module: True)
+    files = tuple(WeightFile(n, 3, hashlib.sha256(b"vgg").hexdigest()) for n in ("vgg16.pth", "vgg.pth"))
+    monkeypatch.setitem(download.WEIGHTS, "lpips-vgg", files)
+    for file in files:
+        (tmp_path / file.name).write_bytes(b"vgg")
+    assert main(["doctor", "--weights", str(tmp_path)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "map coordinates yes mgf models, laser scans yes many buildings yes LPIPS in reports VGG-16" in said
+    (tmp_path / "vgg.pth").write_bytes(b"ggv")
+    assert main(["doctor", "--weights", str(tmp_path)]) == 1
+    assert "Problem: 'vgg.pth' is damaged" in " ".join(capsys.readouterr().out.split()).replace(f"{tmp_path}/", "")
+
+
+@pytest.mark.parametrize("extra", ["survey", "models", "town"])
+def test_doctor_knows_what_an_extra_brings(extra: str) -> None:
+    project = tomllib.loads((Path(doctor.__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    wanted = project["project"]["optional-dependencies"][extra]
+    assert list(doctor.EXTRAS[extra][1].values()) == [text.partition(";")[0].strip() for text in wanted]
 
 
 def test_doctor_names_the_segmenter_and_how_to_get_the_other(tmp_path: Path, monkeypatch, capsys) -> None:

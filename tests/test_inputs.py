@@ -125,6 +125,22 @@ def test_clicks_given_anew_win_over_masks_given_before(source: Path, tmp_path: P
         assert job.keys == with_masks
 
 
+def test_masks_given_anew_win_over_clicks_given_before(source: Path, tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "a.png").write_bytes(b"x")
+    Job.start(tmp_path / "job", source, source / "clicks.json").close()
+    with Job.start(tmp_path / "job", source, None, tmp_path / "own", resume=True) as job:
+        assert (job.prompts, job.masks) == (None, tmp_path / "own")
+
+
+def test_clicks_and_masks_together_are_refused(source: Path, tmp_path: Path) -> None:
+    """One of them would be ignored without a word."""
+    (tmp_path / "own").mkdir()
+    with pytest.raises(BadInput, match="Give either --prompts or --masks, not both"):
+        Job.start(tmp_path / "job", source, source / "clicks.json", tmp_path / "own")
+    assert not (tmp_path / "job").exists()
+
+
 def test_without_masks_neither_clicks_nor_masks_are_watched(source: Path, tmp_path: Path) -> None:
     with Job.start(tmp_path / "job", source, source / "clicks.json", given={"use_masks": False}) as job:
         keys = job.keys

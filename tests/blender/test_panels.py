@@ -28,6 +28,14 @@ VIEWPORT = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source, MGF_PT_mark, MGF_PT_r
             MGF_PT_results)  # fmt: skip
 
 
+@pytest.fixture
+def marked(addon, house):
+    """The house is imported and one click is on it: a job may begin, in a folder of its own."""
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    files.add_click(addon.photos[0], 9, 9, False, "building")
+
+
 def all_panels() -> str:
     """Everything both editors say now."""
     return "\n".join(draw(cls).said for cls in (*VIEWPORT, MGF_PT_prompts, MGF_PT_masks))
@@ -78,11 +86,8 @@ def test_memory_is_limited_by_a_tick(addon, engine, house):
     assert addon.options.memory == 0 and "memory" not in " ".join(job_options(bpy.context.scene, house.folder / "job"))
 
 
-def test_running_waiting_and_cancelled(addon, engine, house):
+def test_running_waiting_and_cancelled(addon, engine, house, marked):
     engine("slow")
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
     runner.submit(make_job(bpy.context.scene))
     # Drawn before there is a log, the button would be grey under the pointer and stay so until the pointer moves.
     assert "Open Log" not in draw(MGF_PT_reconstruct).said
@@ -125,10 +130,7 @@ def test_sentences_of_the_engine_speak_of_the_panel(engine_says, panel_says):
     assert in_panel_words(engine_says) == panel_says
 
 
-def test_a_full_disk_points_to_the_button(addon, engine, house):
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
+def test_a_full_disk_points_to_the_button(addon, engine, house, marked):
     engine("full")
     with pytest.raises(RuntimeError):
         bpy.ops.mgf.reconstruct()
@@ -136,10 +138,7 @@ def test_a_full_disk_points_to_the_button(addon, engine, house):
     assert "free some space and press Resume." in said and "--resume" not in said
 
 
-def test_a_python_without_the_engine_leads_to_the_preferences(addon, engine, house, monkeypatch):
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
+def test_a_python_without_the_engine_leads_to_the_preferences(addon, engine, house, marked, monkeypatch):
     bare = house.folder.parent / "bare"
     venv.create(bare, with_pip=False)
     monkeypatch.setenv("MGF_ENGINE_PYTHON", str(next(bare.glob("[bS][ic][nr]*/python*"))))
@@ -150,10 +149,7 @@ def test_a_python_without_the_engine_leads_to_the_preferences(addon, engine, hou
     assert "mgf.show_preferences" in [name for name, *_ in drawn.operators]
 
 
-def test_the_button_says_which_picture_there_is(addon, engine, house):
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
+def test_the_button_says_which_picture_there_is(addon, engine, house, marked):
     job = make_job(bpy.context.scene)
     engine("slow")
     runner.submit(job)
@@ -163,10 +159,7 @@ def test_the_button_says_which_picture_there_is(addon, engine, house):
         assert words in draw(MGF_PT_reconstruct).said
 
 
-def test_weak_masks_can_be_looked_at_after_the_job(addon, engine, house):
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
+def test_weak_masks_can_be_looked_at_after_the_job(addon, engine, house, marked):
     bpy.ops.mgf.reconstruct()
     sheet = Path(addon.job_folder) / "masks" / "contact_sheet.jpg"
     sheet.parent.mkdir(exist_ok=True)
@@ -179,21 +172,15 @@ def test_weak_masks_can_be_looked_at_after_the_job(addon, engine, house):
     assert "masks/contact_sheet.jpg" in [getattr(given, "name", "") for _, given, _ in drawn.operators]
 
 
-def test_buttons_stand_above_what_comes_and_goes(addon, engine, house):
+def test_buttons_stand_above_what_comes_and_goes(addon, engine, house, marked):
     """A warning that arrives, or a figure, moves no button under the pointer."""
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
     bpy.ops.mgf.reconstruct()
     said = draw(MGF_PT_reconstruct).said
     assert said.index("Mesh finished") < said.index("Open Log") < said.index("Two photos are blurred")
 
 
-def test_the_bar_says_what_goes_before_the_training(addon, engine, house):
+def test_the_bar_says_what_goes_before_the_training(addon, engine, house, marked):
     """Preset quick trains nothing: the bar said Training all the while."""
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
     job = make_job(bpy.context.scene)
     engine("slow")
     runner.submit(job)
@@ -208,12 +195,9 @@ def test_the_bar_says_what_goes_before_the_training(addon, engine, house):
     assert "Training" in draw(MGF_PT_reconstruct).said
 
 
-def test_resume_is_offered_where_a_second_run_in_the_folder_failed(addon, engine, house):
+def test_resume_is_offered_where_a_second_run_in_the_folder_failed(addon, engine, house, marked):
     """The results of the first run, still in the folder, do not hide it."""
     engine("ok", FAKE_RESULT=house.job)
-    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    addon.job_folder = str(house.folder.parent / "new job")
-    files.add_click(addon.photos[0], 9, 9, False, "building")
     bpy.ops.mgf.reconstruct()
     assert "mgf.resume" not in [name for name, *_ in draw(MGF_PT_reconstruct).operators]
     engine("silent")
