@@ -54,6 +54,8 @@ test-window: extension
 	PYTHONPATH=tests:tests/blender $(RUN) tests/blender/window/marks.py --blender "$(or $(BLENDER),blender)" --out build/window-marks
 	PYTHONPATH=tests:tests/blender $(RUN) tests/blender/window/faults.py --blender "$(or $(BLENDER),blender)" --engine "$(or $(ENGINE),$(RUN))" \
 		--scene "$(SCENE)" --out build/window-faults
+	PYTHONPATH=tests:tests/blender $(RUN) tests/blender/window/photos.py --blender "$(or $(BLENDER),blender)" \
+		--engine "$(or $(ENGINE),$(RUN))" --scene "$(SCENE)" --out build/window-photos
 	$(RUN) tests/blender/window/run.py --blender "$(or $(BLENDER),blender)" --zip dist/mgf-*.zip --scene "$(SCENE)" \
 		--out build/window $(if $(WHEELS),--wheels "$(WHEELS)",--engine "$(or $(ENGINE),$(RUN))") $(ARGS)
 

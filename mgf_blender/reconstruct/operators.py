@@ -14,6 +14,7 @@ from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..properties import key_of
 from ..scene_import.crop import crop_text
+from ..scene_import.locate import holds_model, holds_photos
 from ..scene_import.operators import bring_in, frame_tree
 from ..scene_import.tree import Tree
 from . import preview_image
@@ -130,12 +131,15 @@ class MGF_OT_import_photos(FileOperator):
 
     def run(self, context: bpy.types.Context) -> set[str]:
         folder = Path(bpy.path.abspath(self.directory))
-        kinds = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp"}
-        if not folder.is_dir() or not any(p.suffix.lower() in kinds for p in folder.rglob("*")):
+        if not holds_photos(folder):
             raise UserError("'{folder}' holds no photos; choose the folder they lie in.", folder=folder)
         state = context.scene.mgf
         if state.source != str(folder):
             state.source, state.job_folder = str(folder), ""
+        if holds_model(folder):  # the engine would find no cameras but take those that are there
+            self.report({"INFO"}, tr("The folder holds a COLMAP model; its cameras were imported"))
+            frame_tree(context, bring_in(context.scene, folder, True, True, self).tree)
+            return {"FINISHED"}
         return submit(self, make_job(context.scene, "scene"))
 
 

@@ -14,6 +14,7 @@ from .colmap import count_photos
 #: Where models are looked for: COLMAP's own places, those of other tools, any folder. The engine looks in the same
 #: (``mgf_engine/scene/colmap.py``), for the mesh must be made with the cameras that are imported here.
 _PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*"), ("*",))
+_PHOTO_KINDS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp")
 _PHOTO_FOLDERS = ("images", "photos", "input", "rgb", "undistorted/images", "dense/images", ".")
 
 
@@ -36,6 +37,20 @@ def find_model(path: Path) -> Path:
             folder=folder,
         )
     return max(found, key=_claim).folder if len(found) > 1 else found[0].folder  # max keeps the first of equals
+
+
+def holds_model(folder: Path) -> bool:
+    """Tell whether a COLMAP model lies in a folder, or where :func:`find_model` looks below it."""
+    return next(_models(folder), None) is not None
+
+
+def holds_photos(folder: Path) -> bool:
+    """Tell whether photos lie below a folder; like the engine, this looks into no hidden folder."""
+    for _, subfolders, names in os.walk(folder):
+        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+        if any(name.lower().endswith(_PHOTO_KINDS) and not name.startswith(".") for name in names):
+            return True
+    return False
 
 
 def find_photo_folder(path: Path, model_folder: Path, names: list[str]) -> Path | None:

@@ -396,6 +396,23 @@ def test_photos_alone_start_structure_from_motion(addon, engine, house):
     assert all(p.file for p in addon.photos)
 
 
+def test_photos_in_hidden_folders_alone_are_none(addon, engine, tmp_path):
+    """The engine does not look there: the job began, and failed."""
+    (tmp_path / ".thumbnails").mkdir()
+    (tmp_path / ".thumbnails" / "a.JPG").write_bytes(b"x")
+    with pytest.raises(RuntimeError, match="holds no photos"):
+        bpy.ops.mgf.import_photos(directory=str(tmp_path))
+    assert not addon.source
+
+
+def test_photos_with_a_model_are_imported_with_its_cameras(addon, engine, house):
+    """The engine takes that model, so it finds no cameras: the import failed after the job."""
+    engine("ok")
+    assert bpy.ops.mgf.import_photos(directory=str(house.folder)) == {"FINISHED"}
+    assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12 and addon.source == str(house.folder)
+    assert not runner.jobs()
+
+
 def test_default_folder_of_an_unsaved_file_is_never_another_job_s(addon, engine, house):
     """A second session with the same photos and another building; the first building keeps its clicks and its mesh."""
     engine("ok", FAKE_RESULT=house.job)

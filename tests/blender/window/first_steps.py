@@ -15,8 +15,7 @@ _MENU, _FROM_DISK = (1137, 72), (1207, 195)
 _SEARCH, _UNFOLD = (400, 72), (188, 108)
 _HERE, _EXISTING = (700, 327), (1000, 327)
 _PATH, _CHECK_EXISTING = (820, 356), (650, 386)
-_WHEELS, _INSTALL = (820, 380), (650, 477)
-_CONFIRM = (112, 53)  # from the place that was clicked
+_WHEELS, _INSTALL = (820, 380), (650, 507)
 
 
 def install_extension(window: Window, zip_file: Path) -> None:
@@ -46,7 +45,7 @@ def install_engine(window: Window, wheels: Path) -> None:
     window.shot("02-preferences")
     window.click(*_INSTALL)
     window.shot("03-confirm")
-    window.click(_INSTALL[0] + _CONFIRM[0], _INSTALL[1] + _CONFIRM[1])
+    window.key("Return")
     window.wait("the installation", lambda s: s["task"][0] == "RUNNING", 20)
     time.sleep(6)
     window.shot("04-installing")
