@@ -162,7 +162,7 @@ class MGF_OT_import_sfm(Operator):
         if not model.is_dir():
             raise UserError("The job found no cameras; open its log for the reason.")
         state.photo_folder = state.photo_folder or source
-        done = bring_in(context.scene, model, True, True, self)
+        done = bring_in(context.scene, model, True, True, self, Path(source))
         frame_tree(context, done.tree)
         state.source = source
 

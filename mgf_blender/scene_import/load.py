@@ -11,11 +11,13 @@ import numpy as np
 
 from ..common.text import N_, tr
 from .cameras import PHOTO_KEY, CameraSpec, add_cameras, fit_render
-from .colmap import Model, Photo, read_model
+from .colmap import Photo, read_model
 from .frame import make_frame
 from .locate import find_model, find_photo, find_photo_folder
 from .points import add_points
 from .tree import Tree
+
+_PLAIN_NAMES = {"0", "1", "sparse", "colmap", "dense", "images", "photos", "input"}
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ def import_scene(
     photo_folder: Path | None = None,
     upright: bool = True,
     tree: Tree | None = None,
+    named: Path | None = None,
 ) -> Imported:
     """Import cameras with photos and sparse points.
 
@@ -52,6 +55,7 @@ def import_scene(
         upright: turn the scene so that the photos' up is z; False keeps the model's axes.
         tree: an earlier import to replace; its empty (and so its pose and scale) is kept, unless none of its
             photos is in this scene: then it was another one.
+        named: the folder that gives the collection its name; None takes ``path``.
 
     Raises:
         UserError: nothing usable there; the scene is then unchanged.
@@ -61,15 +65,16 @@ def import_scene(
     names = [p.name for p in model.photos]
     photo_folder = photo_folder or find_photo_folder(path, model.folder, names)
     specs = [_spec(p, photo_folder) for p in model.photos]
+    name = _scene_name(named or (path if path.is_dir() else model.folder))
     before = set() if tree is None else {o.get(PHOTO_KEY, "") for o in tree.objects("Cameras")}
     if tree is None or (before and not before & set(names)):
         rotations = np.array([p.rotation for p in model.photos])
         centres = np.array([p.centre for p in model.photos])
         frame = make_frame(model.points.xyz, rotations, centres, upright)
         if tree is None:
-            tree = Tree.make(scene, _scene_name(path, model), frame)
+            tree = Tree.make(scene, name, frame)
         else:
-            tree.place(_scene_name(path, model), frame)
+            tree.place(name, frame)
     for kind in ("Cameras", "Points"):
         tree.clear(kind)
     cameras = add_cameras(tree, specs)
@@ -88,10 +93,9 @@ def _spec(photo: Photo, folder: Path | None) -> CameraSpec:
     )  # fmt: skip
 
 
-def _scene_name(path: Path, model: Model) -> str:
-    """Return the folder people would call the scene by: not 'sparse' or '0'."""
-    folder = path if path.is_dir() else model.folder
-    while folder.name in {"0", "1", "sparse", "colmap", "dense"} and folder != folder.parent:
+def _scene_name(folder: Path) -> str:
+    """Return the folder people would call the scene by: not 'sparse', '0' or 'images'."""
+    while folder.name.lower() in _PLAIN_NAMES and folder != folder.parent:
         folder = folder.parent
     return folder.name or "Building"
 

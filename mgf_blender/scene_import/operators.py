@@ -157,7 +157,12 @@ class MGF_FH_colmap(bpy.types.FileHandler):
 
 
 def bring_in(
-    scene: bpy.types.Scene, path: Path, upright: bool, replace: bool, operator: bpy.types.Operator | None = None
+    scene: bpy.types.Scene,
+    path: Path,
+    upright: bool,
+    replace: bool,
+    operator: bpy.types.Operator | None = None,
+    named: Path | None = None,
 ) -> Imported:
     """Import into a scene and remember source and root photos, as every way of importing does.
 
@@ -167,10 +172,11 @@ def bring_in(
         upright: turn the scene so that the photos' up is z.
         replace: an earlier import gives way.
         operator: takes warnings, where one runs.
+        named: the folder that gives the collection its name; None takes ``path``.
     """
     state, path = scene.mgf, path.absolute()
     photos = Path(bpy.path.abspath(state.photo_folder)) if state.photo_folder else None
-    done = import_scene(scene, path, photos, upright, Tree.find(scene) if replace else None)
+    done = import_scene(scene, path, photos, upright, Tree.find(scene) if replace else None, named)
     state.source = str(path.parent if path.is_file() else path)
     list_roots(scene, done, path)
     if operator is not None:

@@ -394,6 +394,7 @@ def test_photos_alone_start_structure_from_motion(addon, engine, house):
     assert arguments(addon)[:2] == ["scene", str(folder)]
     assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12 and addon.source == str(folder)
     assert all(p.file for p in addon.photos)
+    assert Tree.find(bpy.context.scene).collection.name == house.folder.name  # "model" is the engine's folder
 
 
 def test_photos_in_hidden_folders_alone_are_none(addon, engine, tmp_path):
