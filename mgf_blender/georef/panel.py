@@ -77,7 +77,7 @@ def _draw_rows(layout: bpy.types.UILayout, rows: list[files.Row]) -> None:
 
 
 def _draw_cells(layout: bpy.types.UILayout, cells: tuple[str, ...], icon: str) -> None:
-    split = layout.split(factor=0.36)
+    split = layout.split(factor=0.3)
     split.label(text=cells[0], icon=icon, translate=False)
     row = split.row(align=True)
     for cell in cells[1:]:

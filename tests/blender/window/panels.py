@@ -37,6 +37,7 @@ from benchmarks.town import write_photos
 from benchmarks.town_painted import paint_views
 from benchmarks.truth import write_truth
 
+GEOREFERENCE = 180  # the button, pixels below the top of the sidebar, with control points read
 PANELS = ("georef", "drawings", "models")
 SPEC = SceneSpec(
     building="half_timber", photos=20, width=720, rings=(Ring(0.55, 5.5, 16.0, 5.0), Ring(0.45, 14.0, 14.0, 5.0))
@@ -61,6 +62,7 @@ def main() -> int:
         begin(window, scene, job)
         for name in PANELS:
             show_panel(window, name)
+        georeference(window)
         show_marks(window, scene)
     finally:
         window.close()
@@ -136,9 +138,7 @@ def begin(window: Window, scene: Path, job: Path) -> None:
 
 def show_panel(window: Window, name: str) -> None:
     """One panel alone, open, cut out of the screenshot."""
-    window.tell(f"py c = mgf_panels['MGF_PT_{name}']; c.bl_options = set(); bpy.utils.register_class(c)")
-    time.sleep(1)
-    window.tell("tab")
+    open_panel(window, name)
     window.move(300, 500)
     time.sleep(1)
     window.shot(f"whole-{name}")
@@ -146,6 +146,27 @@ def show_panel(window: Window, name: str) -> None:
     cut = ["convert", window.out / f"whole-{name}.png", "-crop", f"{w - 22}x{h - 2}+{x}+{y}", "+repage"]
     subprocess.run([*cut, "-fuzz", "1%", "-trim", "+repage", window.out / f"panel-{name}.png"], check=True)
     window.tell(f"py bpy.utils.unregister_class(mgf_panels['MGF_PT_{name}'])")
+
+
+def open_panel(window: Window, name: str) -> None:
+    """Show one panel alone in our tab, open."""
+    window.tell(f"py c = mgf_panels['MGF_PT_{name}']; c.bl_options = set(); bpy.utils.register_class(c)")
+    time.sleep(1)
+    window.tell("tab")
+
+
+def georeference(window: Window) -> None:
+    """Press Georeference Job; the engine finds the coordinates again, and the scene lies there."""
+    window.tell("py bpy.ops.mgf.set_up_axis('EXEC_DEFAULT', True, axis='X')")  # no longer in its true place
+    open_panel(window, "georef")
+    window.press(window.button(GEOREFERENCE), "the job", lambda s: s["jobs"] and s["jobs"][-1][0] == "georef")
+    state = window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 300)
+    assert state["jobs"][-1][1] == "DONE", state["jobs"][-1]
+    window.wait("the true place", lambda s: s["scene_keys"].get("SRID") == CRS, 30)
+    time.sleep(2)
+    window.shot("georeferenced")
+    window.tell("py bpy.utils.unregister_class(mgf_panels['MGF_PT_georef'])")
+    print("georeferenced by the panel's button", flush=True)
 
 
 def show_marks(window: Window, scene: Path) -> None:
