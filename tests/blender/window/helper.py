@@ -99,7 +99,7 @@ def state():
         found["marks"] = [list(m.uv) for m in mgf.georef.marks]
         found["photo_index"], found["job_folder"], found["source"] = mgf.photo_index, mgf.job_folder, mgf.source
         found["crop"] = sum(o.get("mgf_role") == "crop" for o in bpy.data.objects)
-        found["scene_keys"] = {k: scene[k] for k in scene.keys() if isinstance(scene[k], (str, float, int))}
+        found["scene_keys"] = {k: v for k, v in scene.items() if isinstance(v, (str, float, int))}
         found["auto"], found["options"] = mgf.auto_preview, {"preset": mgf.options.preset}
         found["camera"] = scene.camera.get("mgf_shown", "") if scene.camera else ""
         found["objects"] = {
