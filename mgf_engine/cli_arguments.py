@@ -98,7 +98,7 @@ def _add_tools(mgf: Parser) -> None:
     guess.add_argument("--out", type=_path, default=None, metavar="JOB", help="ignored; all stages count as not done")
     guess.add_argument("--json", action="store_true", default=False, help="print JSON")
     _add_options(guess)
-    doctor = mgf.add_command("doctor", help="show versions, kernel variant, device and memory")
+    doctor = mgf.add_command("doctor", help="show versions, kernel variant, device, memory and extras")
     doctor.add_argument(
         "--card", action="store_true", help="compare the card with the CPU, in a minute; auto then uses it"
     )

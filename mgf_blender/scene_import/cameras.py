@@ -17,6 +17,7 @@ import numpy as np
 from .tree import Tree, hide
 
 PHOTO_KEY, SIZE_KEY, ASPECT_KEY, DISTORTED_KEY = "mgf_photo", "mgf_size", "mgf_pixel_aspect", "mgf_distorted"
+HELD_KEY = "mgf_held"  # on cameras: the EXIF orientation that the photo lacks, 1 for none
 SHOWN_KEY = "mgf_shown"  # on cameras: which of the pictures is shown
 IMAGE_KEY = "mgf_image"  # on images: photo, render, error or texture
 _SENSOR = 36.0  # mm; any value gives the same picture

@@ -63,11 +63,23 @@ def make_frame(xyz: np.ndarray, rotations: np.ndarray, centres: np.ndarray, upri
     return Frame(offset, rotation, -ground, radius)
 
 
+def turn_as_held(rotation: np.ndarray, orientation: int) -> np.ndarray:
+    """Turn a camera [3, 3] about its axis so that its y points down in the photo as people look at it.
+
+    Args:
+        rotation: world -> camera.
+        orientation: EXIF orientation that the camera's photo lacks, 1 for none.
+    """
+    x, y, z = rotation
+    axes = {3: (-x, -y), 4: (-x, -y), 5: (-y, x), 6: (-y, x), 7: (y, -x), 8: (y, -x)}.get(orientation, (x, y))
+    return np.stack([*axes, z])
+
+
 def up_direction(rotations: np.ndarray) -> np.ndarray:
     """Return the upward unit vector [3] that keeps the horizons of all cameras level.
 
     Photographers hold cameras level: each camera's x axis lies in the ground plane. With A the mean of x x^T and
-    m the mean of -y, up solves (A + softness I) u = m.
+    m the mean of -y, up solves (A + softness I) u = m. Cameras are as :func:`turn_as_held` gives them.
     """
     right, up = rotations[:, 0], -rotations[:, 1]
     level = (right[:, :, None] * right[:, None, :]).mean(axis=0)

@@ -10,9 +10,10 @@ import bpy
 import numpy as np
 
 from ..common.text import N_, tr
-from .cameras import PHOTO_KEY, CameraSpec, add_cameras, fit_render
+from .cameras import HELD_KEY, PHOTO_KEY, CameraSpec, add_cameras, fit_render
 from .colmap import Photo, read_model
-from .frame import make_frame
+from .exif import orientation_lacking
+from .frame import make_frame, turn_as_held
 from .locate import find_model, find_photo, find_photo_folder
 from .points import add_points
 from .tree import Tree
@@ -65,10 +66,11 @@ def import_scene(
     names = [p.name for p in model.photos]
     photo_folder = photo_folder or find_photo_folder(path, model.folder, names)
     specs = [_spec(p, photo_folder) for p in model.photos]
+    held_as = [orientation_lacking(s.picture, (s.width, s.height)) for s in specs]
     name = _scene_name(named or (path if path.is_dir() else model.folder))
     before = set() if tree is None else {o.get(PHOTO_KEY, "") for o in tree.objects("Cameras")}
     if tree is None or (before and not before & set(names)):
-        rotations = np.array([p.rotation for p in model.photos])
+        rotations = np.array([turn_as_held(s.rotation, held) for s, held in zip(specs, held_as, strict=True)])
         centres = np.array([p.centre for p in model.photos])
         frame = make_frame(model.points.xyz, rotations, centres, upright)
         if tree is None:
@@ -78,6 +80,8 @@ def import_scene(
     for kind in ("Cameras", "Points"):
         tree.clear(kind)
     cameras = add_cameras(tree, specs)
+    for camera, held in zip(cameras, held_as, strict=True):
+        camera[HELD_KEY] = held
     add_points(tree, model.points)
     scene.camera = cameras[0]
     fit_render(scene, cameras[0])

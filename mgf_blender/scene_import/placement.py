@@ -8,8 +8,8 @@ from mathutils import Matrix, Vector
 from ..common.errors import UserError
 from ..common.text import tr
 from ..common.views import scale_views
-from .cameras import set_clipping
-from .frame import rotation_to_z, up_direction
+from .cameras import HELD_KEY, set_clipping
+from .frame import rotation_to_z, turn_as_held, up_direction
 from .operators import SceneOperator
 from .tree import Tree
 
@@ -79,15 +79,19 @@ class MGF_OT_set_up_axis(SceneOperator):
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
         if self.axis == "CAMERAS":
-            cameras = [np.array(o.matrix_basis)[:3, :3] for o in tree.cameras()]
-            up = up_direction(
-                np.array([np.diag([1.0, -1.0, -1.0]) @ (m / np.linalg.norm(m, axis=0)).T for m in cameras])
-            )
+            up = up_direction(np.array([_rotation_as_held(camera) for camera in tree.cameras()]))
         else:
             up = np.eye(3)["XYZ".index(self.axis[-1])] * (-1.0 if self.axis.startswith("NEG") else 1.0)
         root = tree.root
         location, _, scale = root.matrix_basis.decompose()
         root.matrix_basis = Matrix.LocRotScale(location, Matrix(rotation_to_z(up).tolist()), scale)
+
+
+def _rotation_as_held(camera: bpy.types.Object) -> np.ndarray:
+    """Return scene -> camera [3, 3], y down in the photo as people look at it."""
+    axes = np.array(camera.matrix_basis)[:3, :3]
+    rotation = np.diag([1.0, -1.0, -1.0]) @ (axes / np.linalg.norm(axes, axis=0)).T
+    return turn_as_held(rotation, camera.get(HELD_KEY, 1))
 
 
 def _count_points(context: bpy.types.Context) -> int:

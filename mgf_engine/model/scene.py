@@ -48,6 +48,10 @@ class Lens:
     params: tuple[float, ...]
 
 
+#: EXIF orientation -> sign of the camera's axis (x from 5 on, else y) that points up in the turned photo.
+_HELD_UP = {1: -1.0, 2: -1.0, 3: 1.0, 4: 1.0, 5: -1.0, 6: -1.0, 7: 1.0, 8: 1.0}
+
+
 @dataclass(frozen=True)
 class View:
     """One undistorted photo at working resolution with its pinhole camera.
@@ -63,6 +67,7 @@ class View:
         lens: the camera before undistortion; None when the working photo is the original one merely resized.
         photo: where the user's photo lies; empty in scenes of earlier versions.
         orientation: EXIF orientation that was applied to it, 1 for none.
+        held: EXIF orientation that the working photo lacks, 1 for none: how the camera was held, for up and right.
         gain: what its red, green and blue were multiplied by to bring all photos to one exposure.
     """
 
@@ -81,7 +86,18 @@ class View:
     lens: Lens | None = None
     photo: str = ""
     orientation: int = 1
+    held: int = 1
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def up(self) -> NDArray[np.float64]:
+        """Up in the photo as people look at it, unit [3], normalised frame."""
+        return _HELD_UP[self.held] * self.rotation[0 if self.held > 4 else 1]
+
+    @property
+    def right(self) -> NDArray[np.float64]:
+        """Right or left in the photo as people look at it, unit [3], normalised frame."""
+        return self.rotation[1 if self.held > 4 else 0]
 
     @property
     def intrinsics(self) -> NDArray[np.float64]:

@@ -97,10 +97,10 @@ def up_from_cameras(scene: Scene, options: GravityOptions = GravityOptions()) ->
     down = looking_down(scene, options)
     if down is not None:
         return -down
-    mean = -np.mean([view.rotation[1] for view in scene.views], axis=0)
+    mean = np.mean([view.up for view in scene.views], axis=0)
     length = float(np.linalg.norm(mean))
     mean = mean / length if length > 1e-6 else np.array([0.0, -1.0, 0.0])
-    right = np.array([view.rotation[0] for view in scene.views])
+    right = np.array([view.right for view in scene.views])
     matrix = right.T @ right / len(right)
     spread, axes = np.linalg.eigh(matrix)
     if not (spread[1] > 0.05 and spread[1] > 4 * spread[0]):

@@ -248,7 +248,7 @@ def _view(photo: Photo, rotation: NDArray[np.float64], translation: NDArray[np.f
         name=photo.name.replace("\\", "/"), file=f"images/{photo.file}", width=camera.width, height=camera.height,
         fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy, rotation=rotation, translation=translation,
         original_width=photo.width, original_height=photo.height, lens=camera.lens,
-        photo=str(photo.path), orientation=photo.orientation,
+        photo=str(photo.path), orientation=photo.orientation, held=photo.held,
     )  # fmt: skip
 
 

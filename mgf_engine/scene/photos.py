@@ -40,6 +40,7 @@ class Photo:
         width, height: as its camera sees it, in pixels.
         orientation: the EXIF orientation to apply; 1 leaves the stored pixels.
         file: name of the working photo in the ``images`` folder.
+        held: the EXIF orientation that is not applied, because the camera saw the stored pixels; 1 for none.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Photo:
     orientation: int
     file: str
     camera: WorkingCamera
+    held: int = 1
 
 
 def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter: Reporter) -> list[Photo]:
@@ -80,7 +82,8 @@ def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter
         if key not in cameras:
             cameras[key] = plan_camera(camera, (width, height), resolution)
         file = _file_name(index, image.name)
-        photos.append(Photo(image.name, path, width, height, orientation, file, cameras[key]))
+        held = info.orientation if isinstance(info, PhotoInfo) and orientation == 1 else 1
+        photos.append(Photo(image.name, path, width, height, orientation, file, cameras[key], held))
     if scaled:
         reporter.warning(
             f"{len(scaled)} of {len(photos)} photos have another size than their camera ({scaled[0]}); "

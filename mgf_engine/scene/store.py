@@ -101,7 +101,8 @@ def _check(scene: Scene) -> None:
         sizes = (view.width, view.height, view.original_width, view.original_height)
         if not isinstance(view.name, str) or not all(type(n) is int and 0 < n < 1 << 20 for n in sizes):
             raise ValueError(f"the view '{view.name}' has no size")
-        if not isinstance(view.photo, str) or type(view.orientation) is not int or not 1 <= view.orientation <= 8:
+        turns = (view.orientation, view.held)
+        if not isinstance(view.photo, str) or not all(type(n) is int and 1 <= n <= 8 for n in turns):
             raise ValueError(f"the view '{view.name}' has no photo")
         numbers = np.array(
             [*view.gain, view.fx, view.fy, view.cx, view.cy, *view.rotation.ravel(), *view.translation], np.float64

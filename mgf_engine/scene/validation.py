@@ -292,7 +292,7 @@ def surround_angle(scene: Scene) -> float:
     Down is the mean of the photos' own downward axes.
     """
     away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
-    down = np.array([view.rotation[1] for view in scene.views]).mean(0)
+    down = -np.array([view.up for view in scene.views]).mean(0)
     first, second = horizontal_axes(down)
     angle = np.sort(np.degrees(np.arctan2(away @ second, away @ first)))
     gaps = np.diff(np.concatenate([angle, [angle[0] + 360.0]]))

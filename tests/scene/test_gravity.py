@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.small_scene import grid, photos, tilted
 
 from mgf_engine.scene.gravity import common_direction, up_from_cameras
+from mgf_engine.scene.validation import surround_angle
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])
@@ -20,6 +23,24 @@ def test_a_row_of_photos_of_a_front_is_upright() -> None:
     front = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y, z up
     row = np.c_[np.arange(12), np.zeros(12), 0.05 * (np.arange(12) % 3)]
     assert up_from_cameras(photos(row, [front] * 12)) @ [0, 0, 1] > 0.999
+
+
+@pytest.mark.parametrize(("orientation", "turn"), [(1, 0), (3, 2), (6, 1), (8, 3)])
+def test_cameras_that_were_turned_tell_up_by_the_orientation_of_their_photos(orientation: int, turn: int) -> None:
+    """Phones store photos as the sensor saw them: held upright, the building lies on its side in the pixels."""
+    quarter = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])  # the camera, turned against the clock seen from behind
+    ring, rotations = [], []
+    for angle in np.arange(0, 2 * np.pi, 0.5):
+        forward = -np.array([np.cos(angle), np.sin(angle), 0.1])
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1.0]))
+        upright = np.stack([right, np.cross(forward, right), forward])
+        ring.append(-9 * forward)
+        rotations.append(np.linalg.matrix_power(quarter, turn) @ upright)
+    scene = photos(np.array(ring), rotations)
+    scene = replace(scene, views=tuple(replace(v, held=orientation) for v in scene.views))
+    assert up_from_cameras(scene) @ [0, 0, 1] > 0.999
+    assert surround_angle(replace(scene, points=np.zeros((1, 3)))) > 300
 
 
 @pytest.mark.parametrize("lean", [0.0, 3.0])

@@ -167,6 +167,8 @@ def test_exif_rotation_follows_the_camera(orientation: int, calibrated_on: str, 
     for index, view in enumerate(scene.views):
         assert np.abs(scene.photo(index).astype(int) - seen[view.name]).mean() < 5
         assert (view.original_width, view.original_height) == SIZE
+        lacks = 1 if calibrated_on == "turned photo" else orientation
+        assert view.held == lacks  # for what is up
 
 
 def test_several_cameras_and_sizes(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from pathlib import Path
 
 import bpy
@@ -15,6 +16,7 @@ from mathutils import Vector
 
 from mgf_blender.scene_import.cameras import PHOTO_KEY, fit_render
 from mgf_blender.scene_import.colmap import read_model
+from mgf_blender.scene_import.exif import orientation_lacking
 from mgf_blender.scene_import.load import import_scene
 from mgf_blender.scene_import.locate import find_model
 
@@ -73,6 +75,50 @@ def test_upright_scene_stands_on_the_ground(scene, house):
     root = imported.tree.root
     up = np.array(root.matrix_world)[:3, :3] @ synthetic._turn(0.7, -0.4) @ (0, 0, 1)
     assert up[2] > np.cos(np.radians(1.0))
+
+
+def jpeg(orientation: int, width: int, height: int, order: str = ">") -> bytes:
+    """The header of a JPEG with an EXIF orientation, as phones write it."""
+    mark, pack = (b"MM\0*" if order == ">" else b"II*\0"), lambda form, *values: struct.pack(order + form, *values)
+    entry = pack("HHIHH", 0x0112, 3, 1, orientation, 0)
+    other = pack("HHII", 0x010F, 2, 4, 0)
+    exif = b"Exif\0\0" + mark + pack("I", 8) + pack("H", 2) + other + entry + pack("I", 0)
+    segments = ((0xE0, b"JFIF\0"), (0xE1, exif), (0xC0, struct.pack(">BHHB", 8, height, width, 3)))
+    return b"\xff\xd8" + b"".join(struct.pack(">BBH", 255, m, len(b) + 2) + b for m, b in segments) + b"\xff\xda"
+
+
+def test_the_header_tells_how_a_camera_was_held(tmp_path):
+    photo = tmp_path / "a.JPG"
+    for order in "<>":
+        for orientation in (1, 3, 6, 8):
+            photo.write_bytes(jpeg(orientation, 40, 30, order))
+            assert orientation_lacking(photo, (400, 300)) == orientation
+    assert orientation_lacking(photo, (300, 400)) == 1  # the camera saw the turned photo
+    whole = photo.read_bytes()
+    for length in range(len(whole)):
+        photo.write_bytes(whole[:length])
+        assert orientation_lacking(photo, (400, 300)) in (1, 8)
+    for path in (tmp_path / "none.jpg", tmp_path / "b.png", None):
+        assert orientation_lacking(path, (400, 300)) == 1
+
+
+@pytest.mark.parametrize(("orientation", "turns"), [(3, 2), (6, 1), (8, 3)])
+def test_photos_of_a_turned_camera_stand_upright(addon, scene, tmp_path, orientation, turns):
+    """Phones store what the sensor saw; the scene lay on its side."""
+    house = synthetic.write_house(tmp_path / "house")
+    turn = np.linalg.matrix_power(np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]), turns)
+    poses = {}
+    for name, (camera, rotation, translation) in house.poses.items():
+        poses[name.replace(".png", ".jpg")] = (camera, turn @ rotation, turn @ translation)
+        _, width, height, _ = synthetic.CAMERAS[camera]
+        (house.folder / "images" / name).with_suffix(".jpg").write_bytes(jpeg(orientation, width, height))
+    synthetic.write_binary(house.model, poses, house.xyz, house.rgb)
+    root = import_scene(scene, house.folder).tree.root
+    for _ in range(2):
+        bpy.context.view_layer.update()
+        assert (np.array(root.matrix_world)[:3, :3] @ synthetic._turn(0.7, -0.4) @ (0, 0, 1))[2] > 0.999
+        bpy.ops.mgf.set_up_axis(axis="X")
+        bpy.ops.mgf.set_up_axis(axis="CAMERAS")
 
 
 def test_keeps_axes_when_asked(scene, house):
