@@ -107,7 +107,9 @@ def state():
         }
         runner = addon_module("common.runner")
         if runner is not None:
-            found["jobs"] = [[j.kind, j.status, j.stage, j.overall, j.text] for j in runner.jobs()]
+            found["jobs"] = [
+                [j.kind, j.status, j.stage, j.overall, j.text, j.figures.get("iteration", 0)] for j in runner.jobs()
+            ]
             found["longest_tick"] = runner.longest_tick()
             found["pids"] = [j.process.pid for j in runner.jobs() if j.process is not None]
         arrival = addon_module("results.async_import")

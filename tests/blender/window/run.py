@@ -38,7 +38,7 @@ SIDE = 0.915  # of the small button at the end of a row, as a share of the sideb
 
 #: Screenshot -> part of it (width, height, x, y) and picture of the documentation.
 PICTURES = {
-    "05-engine": ((990, 385, 165, 373), "blender-preferences"),
+    "05-engine": ((990, 612, 165, 200), "blender-preferences"),
     "12-crop-box": ((1160, 815, 0, 0), "blender-scene"),
     "23-mask": ((1160, 815, 0, 0), "blender-prompts"),
     "31-training": ((1160, 815, 0, 0), "blender-training"),
@@ -115,6 +115,7 @@ def import_scene(window: Window, scene: Path) -> None:
     window.settle(4)
     window.shot("11-imported")
     window.press(window.button(CROP), "the crop box", lambda s: s["crop"] == 1)
+    window.tell("py area.spaces.active.region_3d.view_distance *= 1.5")  # all of it beside the sidebar
     time.sleep(2)
     window.shot("12-crop-box")
     window.move(400, 500)
@@ -254,7 +255,7 @@ def quit_and_resume(window: Window, blend: Path) -> None:
     time.sleep(1)
     window.shot("30-before")
     window.press(window.button(RECONSTRUCT), "the job", lambda s: s["jobs"])
-    window.wait("training", lambda s: s["jobs"][-1][2] == "field" and s["jobs"][-1][3] > 0.15, 1800)
+    window.wait("training", lambda s: s["jobs"][-1][2] == "field" and s["jobs"][-1][5] > 0, 1800)
     time.sleep(4)
     window.shot("31-training")
     watch_training(window)
@@ -297,7 +298,7 @@ def watch_to_the_end(window: Window) -> None:
     window.wait("the mesh", lambda s: s["painted"] == ["TEXTURE"], 120)
     window.tell("frame Mesh")
     time.sleep(1)  # the view moves there smoothly
-    window.tell("py area.spaces.active.region_3d.view_distance *= 1.2")  # clear of the sidebar
+    window.tell("py area.spaces.active.region_3d.view_distance *= 1.4")  # clear of the sidebar
     time.sleep(3)
     window.shot("32-mesh")
 
