@@ -23,7 +23,7 @@ from mgf_engine.images import UnreadablePhoto, read_infos
 from mgf_engine.masks.building_share import building_share
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
-from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names
+from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names, too_few_photos
 from mgf_engine.stages import STAGE_NAMES
 from mgf_engine.system import cores, user_cache, write_json
 from mgf_engine.terminal import duration
@@ -92,10 +92,7 @@ def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
         root, names = list_photos(source, exclude)
         paths = [root / name for name in names]
         if len(paths) < FEWEST:
-            raise BadInput(
-                f"'{root}' holds no COLMAP model and too few photos ({len(paths)}); give a COLMAP scene or at least "
-                f"{FEWEST} photos."
-            )
+            raise too_few_photos(root, len(paths), FEWEST, exclude)
     else:
         paths = find_photos(photo_names(model), model, source, exclude)
     infos = read_infos([paths[k] for k in np.unique(np.linspace(0, len(paths) - 1, _HEADERS).astype(int))])

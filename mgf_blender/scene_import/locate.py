@@ -15,6 +15,8 @@ from .colmap import count_photos
 #: (``mgf_engine/scene/colmap.py``), for the mesh must be made with the cameras that are imported here.
 _PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*"), ("*",))
 _PHOTO_KINDS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp")
+#: Not read by the engine, which says so.
+_UNREAD_KINDS = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 _PHOTO_FOLDERS = ("images", "photos", "input", "rgb", "undistorted/images", "dense/images", ".")
 
 
@@ -45,10 +47,10 @@ def holds_model(folder: Path) -> bool:
 
 
 def holds_photos(folder: Path) -> bool:
-    """Tell whether photos lie below a folder; like the engine, this looks into no hidden folder."""
+    """Tell whether photos lie below a folder, of whatever kind; like the engine, this looks into no hidden folder."""
     for _, subfolders, names in os.walk(folder):
         subfolders[:] = [name for name in subfolders if not name.startswith(".")]
-        if any(name.lower().endswith(_PHOTO_KINDS) and not name.startswith(".") for name in names):
+        if any(name.lower().endswith(_PHOTO_KINDS + _UNREAD_KINDS) and not name.startswith(".") for name in names):
             return True
     return False
 

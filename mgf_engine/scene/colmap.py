@@ -19,6 +19,8 @@ from mgf_engine.scene.sparse import SparseModel, check_model
 #: looks in the same (``mgf_blender/scene_import/locate.py``), for its cameras must be the ones the mesh is made with.
 PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*"), ("*",))
 PHOTO_KINDS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".ppm", ".pgm"}
+#: What phones and cameras write besides, which is not read.
+UNREAD_KINDS = {".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"}
 FEWEST = 3  # photos that structure from motion needs
 _PARTS = ("cameras", "images", "points3D")
 
@@ -146,6 +148,26 @@ def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[s
         if photos:
             return root, sorted(p.relative_to(root).as_posix() for p in photos)
     return source, []
+
+
+def too_few_photos(root: Path, count: int, fewest: int, exclude: Path | None = None) -> BadInput:
+    """Say why a folder without a model cannot be used: it holds photos of kinds that are not read, or too few.
+
+    Args:
+        root: the folder.
+        count: photos in it.
+        fewest: photos that are needed.
+        exclude: the job's own folder.
+    """
+    unread = sorted(p for p in _walk(root, exclude) if p.suffix.lower() in UNREAD_KINDS)
+    if unread:
+        return BadInput(
+            f"{len(unread)} photos in '{root}' are of a kind that is not read (first: '{unread[0].name}'); export them "
+            "as JPEG, PNG, TIFF, WebP or BMP."
+        )
+    return BadInput(
+        f"'{root}' holds no COLMAP model and too few photos ({count}); give a COLMAP scene or at least {fewest} photos."
+    )
 
 
 def _candidates(source: Path, exclude: Path | None) -> list[tuple[int, Path]]:

@@ -26,7 +26,7 @@ from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
 from mgf_engine.images import PhotoInfo
 from mgf_engine.messages import Reporter, log
-from mgf_engine.scene.colmap import FEWEST
+from mgf_engine.scene.colmap import FEWEST, too_few_photos
 from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
 from mgf_engine.subprocesses import ended, worker
 from mgf_engine.system import write_json
@@ -79,10 +79,7 @@ def reconstruct(
     """
     names = list(photos)
     if len(names) < FEWEST:
-        raise BadInput(
-            f"'{root}' holds no COLMAP model and too few photos ({len(names)}); give a COLMAP scene or at least "
-            f"{FEWEST} photos."
-        )
+        raise too_few_photos(root, len(names), FEWEST)
     sizes = [_size_of(root / name, info) for name, info in photos.items()]
     task = {
         "root": str(root), "names": names, "sizes": sizes, "one_camera": len({(w, h) for w, h, *_ in sizes}) == 1,

@@ -21,6 +21,7 @@ from support.model_places import SEVERAL, write_project
 
 from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_model, write_photo, write_scene
 from mgf_engine.errors import BadInput
+from mgf_engine.estimate import inspect_photos
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, plain_name, read_model
 
 PARTS = ("cameras", "images", "points3D", "rigs", "frames")
@@ -365,3 +366,15 @@ def test_folders_that_one_may_not_look_into_are_passed_over(tmp_path: Path, monk
     (source / "images").rename(source / "DCIM")
     assert {p.parent.name for p in find_photos(names, model, source)} == {"DCIM"}
     assert len(list_photos(source)[1]) == len(names)
+
+
+def test_photos_of_kinds_that_are_not_read_are_called_so(tmp_path: Path) -> None:
+    """A folder of a phone's HEIC photos was said to hold none."""
+    for name in ("IMG_1.HEIC", "IMG_2.heic", "a.jpg"):
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(BadInput, match=r"2 photos in .* not read \(first: 'IMG_1.HEIC'\); export them as JPEG"):
+        inspect_photos(tmp_path)
+    (tmp_path / "IMG_1.HEIC").unlink()
+    (tmp_path / "IMG_2.heic").unlink()
+    with pytest.raises(BadInput, match=r"too few photos \(1\)"):
+        inspect_photos(tmp_path)
