@@ -171,7 +171,7 @@ def _import(package: str, args: argparse.Namespace) -> None:
     source = _model_source(args)
     if source is not None:
         photos = args.photos or (args.scene if source != args.scene else None)
-        done = load_scene.import_scene(scene, source, photos, upright=not args.keep_axes)
+        done = load_scene.import_scene(scene, source, photos, upright=not args.keep_axes, named=args.scene)
         tree = done.tree
         print(f"{done.cameras} cameras, {done.points} points", *done.warnings, sep="\n")
     if args.job is not None:
@@ -180,10 +180,13 @@ def _import(package: str, args: argparse.Namespace) -> None:
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
         print(f"Mesh of {faces} faces, {result.renders} renders")
     _dress(scene)
-    if args.picture is not None:
-        _picture(package, args, scene, tree)
+    if args.picture is not None and not tree.objects("Mesh"):
+        errors = importlib.import_module(f"{package}.common.errors")
+        raise errors.UserError("There is no mesh to make a picture of; give --job with a finished job.")
     save(bpy, args.out.absolute(), package)
     print(f"Saved {args.out}")
+    if args.picture is not None:  # last: a picture that fails costs nothing else
+        _picture(package, args, scene, tree)
 
 
 def _model_source(args: argparse.Namespace) -> Path | None:
@@ -195,9 +198,6 @@ def _model_source(args: argparse.Namespace) -> Path | None:
 
 
 def _picture(package: str, args: argparse.Namespace, scene: Any, tree: Any) -> None:
-    if not tree.objects("Mesh"):
-        errors = importlib.import_module(f"{package}.common.errors")
-        raise errors.UserError("There is no mesh to make a picture of; give --job with a finished job.")
     picture = importlib.import_module(f"{package}.results.picture")
     path = args.picture.absolute()
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from ..prompts.properties import active_photo
 from ..reconstruct.operators import FinishedJobOperator, submit
 from ..reconstruct.start import job_folder
 from ..scene_import.cameras import PHOTO_KEY
-from ..scene_import.operators import SceneOperator
+from ..scene_import.operators import SceneOperator, frame_tree
 from ..scene_import.tree import Tree
 from . import files
 from .place import place
@@ -71,7 +71,11 @@ class MGF_OT_place_scene(SceneOperator):
         found = files.read_placement(job_folder(context.scene))
         if found is None or not found.metric:
             raise UserError("The job has no true coordinates yet; press Georeference Job first.")
-        place(context.scene, Tree.find(context.scene), found)
+        tree = Tree.find(context.scene)
+        before = tree.root.matrix_world.copy()
+        place(context.scene, tree, found)
+        if tree.root.matrix_world != before:  # it may stand hundreds of meters above the origin now
+            frame_tree(context, tree)
 
 
 class MGF_OT_mark_control_points(Operator):

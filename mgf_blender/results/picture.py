@@ -195,6 +195,15 @@ def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
     return [obj, mesh, material]
 
 
+def _can_denoise() -> bool:
+    """Tell whether this build of Blender has a denoiser: those of some distributions lack it, and then do not render."""
+    try:
+        import _cycles
+    except ImportError:
+        return True
+    return bool(getattr(_cycles, "with_openimagedenoise", True))
+
+
 def _settings(stage: bpy.types.Scene, path: Path, size: tuple[int, int], samples: int, engine: str) -> None:
     render = stage.render
     render.engine = {"CYCLES": "CYCLES", "WORKBENCH": "BLENDER_WORKBENCH", "EEVEE": EEVEE}[engine]
@@ -205,7 +214,7 @@ def _settings(stage: bpy.types.Scene, path: Path, size: tuple[int, int], samples
     stage.view_settings.look = "AgX - Medium High Contrast"
     if engine == "CYCLES":
         stage.cycles.samples = samples
-        stage.cycles.use_denoising = True
+        stage.cycles.use_denoising = _can_denoise()
         stage.cycles.max_bounces = 4
     elif engine == "EEVEE":
         stage.eevee.taa_render_samples = samples

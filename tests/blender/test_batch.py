@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
 import synthetic
 from conftest import REPO
+
+from mgf_blender.results import load, picture
 
 BATCH = REPO / "mgf_blender" / "batch.py"
 
@@ -25,8 +29,8 @@ def run(*arguments: object) -> subprocess.CompletedProcess:
 
 def test_scene_and_job_become_a_blend(house, tmp_path):
     out = tmp_path / "a folder" / "démo.blend"
-    picture = tmp_path / "picture.png"
-    done = run("--scene", house.folder, "--job", house.job, "--out", out, "--picture", picture,
+    png = tmp_path / "picture.png"
+    done = run("--scene", house.folder, "--job", house.job, "--out", out, "--picture", png,
                "--picture-engine", "cycles", "--picture-samples", 1, "--picture-size", 64, 48)  # fmt: skip
     assert done.returncode == 0, done.stderr
     bpy.ops.wm.open_mainfile(filepath=str(out))
@@ -36,11 +40,40 @@ def test_scene_and_job_become_a_blend(house, tmp_path):
     assert [len(top.children[k].objects) for k in ("Cameras", "Points", "Mesh", "Renders")] == [12, 1, 1, 4]
     assert all(o.parent is not None for c in top.children for o in c.objects)
     assert [s.name for s in bpy.data.scenes] == ["Scene"]  # the stage of the picture is gone
-    image = bpy.data.images.load(str(picture))
+    image = bpy.data.images.load(str(png))
     assert tuple(image.size) == (64, 48)
     pixels = list(image.pixels)
     assert max(pixels[0::4]) - min(pixels[0::4]) > 0.1
     assert sorted(p.name for p in out.parent.iterdir()) == ["démo.blend"]
+
+
+def test_a_picture_that_fails_costs_nothing_else(house, tmp_path):
+    out, file = tmp_path / "a.blend", tmp_path / "file"
+    file.write_text("no folder")
+    done = run("--scene", house.folder, "--job", house.job, "--out", out, "--picture", file / "p.png")
+    assert done.returncode != 0 and out.is_file()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_build_without_denoiser_makes_pictures(house, tmp_path, monkeypatch, there):
+    """Debian's Blender ended with "Failed to denoise"."""
+    monkeypatch.setitem(sys.modules, "_cycles", SimpleNamespace(with_openimagedenoise=there))
+    used = []
+    monkeypatch.setattr(picture, "_can_denoise", lambda real=picture._can_denoise: used.append(real()) or used[-1])
+    scene = bpy.context.scene
+    tree = load.import_result(scene, house.job, None).tree
+    picture.render_picture(scene, tree, tmp_path / "p.png", (32, 24), 1)
+    assert used == [there] and (tmp_path / "p.png").is_file()
+
+
+def test_photos_alone_give_the_collection_its_name(house, tmp_path):
+    model = tmp_path / "job" / "scene" / "sfm" / "model"
+    shutil.copytree(house.job, tmp_path / "job")
+    shutil.copytree(house.model, model)
+    out = tmp_path / "a.blend"
+    assert run("--scene", house.folder / "images", "--job", tmp_path / "job", "--out", out).returncode == 0
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    assert house.folder.name in [c.name for c in bpy.context.scene.collection.children]
 
 
 def test_scene_alone(house, tmp_path):

@@ -135,9 +135,16 @@ def test_after_the_run_the_scene_lies_where_it_truly_is(finished, house):
     tree.root.location.x += 1.0
     bpy.context.view_layer.update()
     assert "Place in True Coordinates" in draw(MGF_PT_georef).said
+    view = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D").region_3d
+    view.view_location = (9.0, 9.0, 9.0)
     bpy.ops.mgf.place_scene()
     bpy.context.view_layer.update()
     assert place.is_placed(scene, tree, found)
+    middle = np.mean([o.matrix_world.translation for o in tree.cameras()], axis=0)
+    assert np.linalg.norm(np.array(view.view_location) - middle) < 10  # it stands 19 m higher than it did
+    view.view_location = (9.0, 9.0, 9.0)
+    bpy.ops.mgf.place_scene()
+    assert tuple(view.view_location) == (9.0, 9.0, 9.0)  # nothing moved
 
 
 def test_a_scene_far_from_its_origin_keeps_its_offset(addon, engine, tmp_path, georef_json):
