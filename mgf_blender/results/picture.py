@@ -196,7 +196,7 @@ def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
 
 
 def _can_denoise() -> bool:
-    """Tell whether this build of Blender has a denoiser: those of some distributions lack it, and then do not render."""
+    """Tell whether this build of Blender has a denoiser: those of some distributions lack it and refuse to."""
     try:
         import _cycles
     except ImportError:
