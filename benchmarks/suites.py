@@ -114,9 +114,11 @@ LIKE: dict[str, Options] = {
     "GOF-like": _UNMASKED,
     "2DGS-like": {
         **_UNMASKED, "filter_3d": False, "geometry_from": 0.23, "distortion_lambda": 1000.0, "surface": "fused",
+        "densify_by": "gradient",
     },
     "3DGS-like": {
         **_UNMASKED, "filter_3d": False, "prune_opacity": 0.005, "distortion_lambda": 0.0, "normal_lambda": 0.0,
+        "densify_by": "gradient",
     },
 }  # fmt: skip
 #: Training iterations of the paper's method and of the longer runs that it compares with.

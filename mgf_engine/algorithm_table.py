@@ -109,6 +109,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("schedule", "field", "Schedule of the training", "field.schedule:ScheduleOptions"),
     Algorithm("filter_3d", "field", "Low-pass filter of the Gaussians (Mip-Splatting)", "field.filter3d:FilterOptions"),
     Algorithm("densification", "field", "Splitting and pruning of Gaussians", "field.density:DensificationOptions"),
+    Algorithm("gradient_densification", "field", "Cloning, splitting and pruning of Gaussians where densify_by is a gradient", "field.gradient_density:GradientOptions"),
     Algorithm("learning_rates", "field", "Step sizes of Adam", "field.schedule:LearningRates"),
     # mesh
     Algorithm("photometric", "mesh", "Refinement of depth maps by matching photos", "mesh.photometric:MatchOptions"),

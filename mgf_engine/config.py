@@ -122,6 +122,7 @@ class Config:
     background_lambda: float = option(0.02, "field", "Weight of the loss that keeps certain background empty", low=0, high=1000)
     densify_from: float = option(0.05, "field", "Share of the training after which densification starts", low=0, high=1)
     densify_until: float = option(0.6, "field", "Share of the training after which densification stops", low=0, high=1)
+    densify_by: str = option("error", "field", "Criterion of densification: the colour error that a Gaussian answers for, the gradient of its projected centre (3DGS), or that gradient by absolute values (GOF)", choices=("error", "gradient", "absolute_gradient"))
     densify_every: int = option(100, "field", "Number of iterations between two rounds of densification and pruning", low=1, high=100000)
     training_votes: bool = option(True, "field", "Prune Gaussians that the masks vote against during the training as well")
     prune_opacity: float = option(0.02, "field", "Minimum opacity of a Gaussian; fainter ones are pruned", low=0, high=1)
@@ -219,8 +220,9 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
         raise BadInput(f"Unknown option '{unknown[0]}'; 'mgf options' lists every option.")
     values = {name: _convert(known[name], value) for name, value in own.items()}
     preset = PRESETS[values.get("preset", Config.preset)]
+    preset = preset | _compressed(preset, values)
     algorithms = algorithm_values({**_of_algorithms(preset), **_of_algorithms(given)})
-    own_preset = {name: value for name, value in preset.items() if name in known} | _compressed(preset, values)
+    own_preset = {name: value for name, value in preset.items() if name in known}
     config = replace(Config(algorithms=algorithms), **{**own_preset, **values})
     if config.densify_from > config.densify_until:
         raise BadInput("densify_from must not be larger than densify_until; swap the two shares.")
@@ -229,12 +231,16 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
     return config
 
 
+#: Options of presets that count iterations.
+_COUNTED = ("densify_every", "gradient_densification.reset_every")
+
+
 def _compressed(preset: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
     """Scale what a preset counts in iterations to another number of them: the same schedule, shorter or longer."""
     usual, own = preset.get("iterations"), values.get("iterations")
     if not usual or not own:
         return {}
-    return {"densify_every": max(1, round(preset["densify_every"] * own / usual))}
+    return {name: max(1, round(preset[name] * own / usual)) for name in _COUNTED if preset.get(name)}
 
 
 def _of_algorithms(given: dict[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,8 @@ PRESETS: dict[str, dict[str, Any]] = {
     "fine": {"max_gaussians": 400_000, "resolution": 1500, "sh_degree": 3, "refine_rounds": 2},
     # What sections 3 and 4.1 of the paper print, and nothing of ours; tests/test_paper_preset.py names the places.
     # Where the paper prints nothing, GOF, which it builds on, and 3DGS, which that builds on: degree of the harmonics,
-    # 3D filter, growth and pruning, the share of the run from which the geometry terms act.
+    # 3D filter, growth and pruning, the share of the run from which the geometry terms act, step sizes, first
+    # Gaussians.
     "paper": {
         "iterations": 7000,
         "resolution": 750,
@@ -35,6 +36,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "densify_from": 0.0167,
         "densify_until": 0.5,
         "densify_every": 100,
+        "densify_by": "absolute_gradient",
         "training_votes": False,
         "prune_opacity": 0.05,
         "screening_dilation": 0,
@@ -54,6 +56,18 @@ PRESETS: dict[str, dict[str, Any]] = {
         "face_error": 0.0,
         "min_component": 0.0,
         "texture": False,
+        "gradient_densification.reset_every": 3000,
+        "schedule.sh_degree_steps": 7,
+        "initialisation.flatness": 1.0,
+        "initialisation.opacity": 0.1,
+        "learning_rates.by_extent": True,
+        "learning_rates.positions": 1.6e-4,
+        "learning_rates.positions_final": 1.6e-6,
+        "learning_rates.log_scales": 5e-3,
+        "learning_rates.rotations": 1e-3,
+        "learning_rates.sh_constant": 2.5e-3,
+        "learning_rates.sh_rest": 1.25e-4,
+        "learning_rates.decay_to": 1.0,
         "votes.few": 0,
         "opacity.every_view": True,
         "pose_adjustment.adjust": False,

@@ -9,6 +9,7 @@ import pytest
 
 from mgf_engine.algorithms import algorithm_default, is_algorithm_option
 from mgf_engine.config import as_dict, make_config, option_fields
+from mgf_engine.field.gradient_density import GradientOptions
 from mgf_engine.masks.propagation.propagate import PropagationOptions
 from mgf_engine.presets import PRESETS
 from mgf_engine.scene.adjust import AdjustOptions
@@ -48,6 +49,10 @@ OF_ITS_BASE = {
     "densify_from": (0.0167, "3DGS: from 500 of 30,000 iterations"),
     "densify_until": (0.5, "3DGS: until 15,000 of 30,000"),
     "densify_every": (100, "3DGS"),
+    "densify_by": (
+        "absolute_gradient",
+        "GOF: adds the lengths of the pixels' gradients, 3DGS the gradients",
+    ),
     "prune_opacity": (0.05, "GOF: densify_and_prune is called with 0.05, where 3DGS has 0.005"),
     "filter_3d": (True, "GOF: the 3D filter of Mip-Splatting, in training and in the tetrahedra"),
 }
@@ -69,6 +74,30 @@ ALGORITHMS_OFF = {
     "propagation.disagree_above": 1.0,
     "propagation.finish": False,  # eq. 1 and 3.1.2: the mask is what the segmenter returns
 }
+#: Options of algorithms that differ from ours, and what 3DGS prints (section 5 and its appendix of step sizes).
+ALGORITHMS_OF_ITS_BASE = {
+    "gradient_densification.reset_every": 3000,  # opacities, every 3,000 iterations
+    "schedule.sh_degree_steps": 7,  # a degree every 1,000 iterations
+    "initialisation.flatness": 1.0,  # isotropic
+    "initialisation.opacity": 0.1,
+    "learning_rates.by_extent": True,
+    "learning_rates.positions": 1.6e-4,
+    "learning_rates.positions_final": 1.6e-6,
+    "learning_rates.log_scales": 5e-3,
+    "learning_rates.rotations": 1e-3,
+    "learning_rates.sh_constant": 2.5e-3,
+    "learning_rates.sh_rest": 1.25e-4,  # a twentieth of the constant one's
+    "learning_rates.decay_to": 1.0,  # the rate of the positions alone falls
+}
+#: What 3DGS prints and we have everywhere or as a default that only the paper's setting uses.
+ALGORITHMS_AS_PRINTED = {
+    "gradient_densification.threshold": 2e-4,
+    "gradient_densification.clone_below": 0.01,
+    "gradient_densification.split_shrink": 1.6,
+    "gradient_densification.largest": 0.1,
+    "gradient_densification.reset_opacity": 0.01,
+    "learning_rates.opacity_logits": 5e-2,
+}
 #: Options of the method's stages that decide nothing about it, or that the others leave idle.
 NO_MATTER = {
     "weights", "passes", "holdout_every", "max_gaussians", "max_faces", "color_error",
@@ -87,9 +116,15 @@ def test_what_is_ours_is_off(name: str) -> None:
 
 def test_what_always_runs_otherwise_is_off() -> None:
     config = make_config({"preset": "paper"})
-    assert config.algorithms == ALGORITHMS_OFF
-    assert {k for k in PRESETS["paper"] if is_algorithm_option(k)} == set(ALGORITHMS_OFF)
-    assert all(algorithm_default(name) != value for name, value in ALGORITHMS_OFF.items())
+    changed = ALGORITHMS_OFF | ALGORITHMS_OF_ITS_BASE
+    assert config.algorithms == changed
+    assert {k for k in PRESETS["paper"] if is_algorithm_option(k)} == set(changed)
+    assert all(algorithm_default(name) != value for name, value in changed.items())
+
+
+@pytest.mark.parametrize("name", sorted(ALGORITHMS_AS_PRINTED))
+def test_the_default_is_the_printed_value(name: str) -> None:
+    assert algorithm_default(name) == ALGORITHMS_AS_PRINTED[name]
 
 
 def test_what_is_off_can_be_switched_on_again_and_stays_so_in_the_job_file() -> None:
@@ -98,9 +133,12 @@ def test_what_is_off_can_be_switched_on_again_and_stays_so_in_the_job_file() -> 
     assert make_config(json.loads(json.dumps(as_dict(config)))) == config
 
 
-@pytest.mark.parametrize(("iterations", "every"), [(7000, 100), (1500, 21), (30_000, 429), (10, 1)])
-def test_another_number_of_iterations_is_the_same_schedule(iterations: int, every: int) -> None:
-    assert make_config({"preset": "paper", "iterations": iterations}).densify_every == every
+@pytest.mark.parametrize(
+    ("iterations", "every", "reset"), [(7000, 100, 3000), (1500, 21, 643), (30_000, 429, 12_857), (10, 1, 4)]
+)
+def test_another_number_of_iterations_is_the_same_schedule(iterations: int, every: int, reset: int) -> None:
+    config = make_config({"preset": "paper", "iterations": iterations})
+    assert (config.densify_every, config.algorithm(GradientOptions).reset_every) == (every, reset)
 
 
 def test_a_given_interval_of_densification_wins_over_the_scaled_one() -> None:

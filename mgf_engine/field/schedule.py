@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -39,6 +39,9 @@ class LearningRates:
 
     positions: float = parameter(1.0e-3, "Learning rate of the positions, at the start", low=1e-12)
     positions_final: float = parameter(1.0e-5, "Learning rate of the positions, at the end", low=1e-12)
+    by_extent: bool = parameter(
+        False, "Give the learning rates of the positions in units of the scene's extent, as 3DGS does"
+    )
     log_scales: float = parameter(7.0e-3, "Learning rate of the logarithms of the radii")
     rotations: float = parameter(2.0e-3, "Learning rate of the rotations (quaternions)")
     opacity_logits: float = parameter(5.0e-2, "Learning rate of the logits of the opacities")
@@ -49,6 +52,13 @@ class LearningRates:
     )
     decay_to: float = parameter(0.2, "Factor on these learning rates at the end", high=1)
     largest_scale: float = parameter(2.0, "Maximum factor on the learning rates of a run shorter than usual", low=1)
+
+    def for_extent(self, extent: float) -> LearningRates:
+        """Return these rates with those of the positions in units of the normalised frame."""
+        if not self.by_extent:
+            return self
+        positions, final = self.positions * extent, self.positions_final * extent
+        return replace(self, positions=positions, positions_final=final, by_extent=False)
 
 
 def lr_scale_of(iterations: int, usual: int, rates: LearningRates = LearningRates()) -> float:

@@ -21,6 +21,13 @@ from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
 from mgf_engine.field.density import DensificationOptions, budget_at, refine
 from mgf_engine.field.filter3d import FilterOptions, update_filter
+from mgf_engine.field.gradient_density import (
+    GradientOptions,
+    pooled_share,
+    refine_by_gradient,
+    reset_opacities,
+    scene_extent,
+)
 from mgf_engine.field.losses import LossOptions, LossTerms, total_loss
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.field.schedule import (
@@ -82,9 +89,14 @@ class _Trainer:
         self.votes = config.algorithm(VoteOptions)
         self.voters = choose_voters(scene, self.views, masks.clicked, self.votes)
         self.total = config.run_length(len(self.views))
-        self.rates, self.schedule = config.algorithm(LearningRates), config.algorithm(ScheduleOptions)
+        self.extent = scene_extent([scene.views[i] for i in self.views])
+        self.rates = config.algorithm(LearningRates).for_extent(self.extent)
+        self.schedule = config.algorithm(ScheduleOptions)
         self.densification, self.losses = config.algorithm(DensificationOptions), config.algorithm(LossOptions)
         self.target_options = config.algorithm(TargetOptions)
+        self.gradients = config.algorithm(GradientOptions)
+        by_gradient = config.densify_by != "error"
+        self.pooled = pooled_share([masks.labels[i] for i in self.views]) if by_gradient else 1.0
         self.lr_scale = lr_scale_of(self.total, Config().run_length(len(self.views)), self.rates)
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
@@ -122,6 +134,7 @@ class _Trainer:
             self.iteration += 1
             if self.iteration % self.densification.densify_every == 0:
                 self._refine(share)
+            self._reset_opacities(share)
             now = time.monotonic()
             if now - saved > config.checkpoint_seconds or self.reporter.cancelled:
                 self._save()
@@ -181,15 +194,30 @@ class _Trainer:
             voting = self.config.use_masks and options.use_votes
             if voting and self.iteration // options.densify_every % options.vote_every == 0:
                 keep = self._mask_vote(field)
-            budget = budget_at(share, self.figures["start_gaussians"], options)
             grow = options.densify_from <= share < options.densify_until
-            first = self.iteration - options.densify_every
-            complete = covers_all_views(first, self.iteration, len(self.views), self.config.seed)
-            refine(self.optimiser, self.stats, keep, budget, grow, options, prune_unseen=complete)
+            if self.config.densify_by == "error":
+                self._refine_by_error(keep, share, grow)
+            elif grow:
+                generator = torch.Generator().manual_seed(self.config.seed * 7_919 + self.iteration)
+                refine_by_gradient(
+                    self.optimiser, self.stats, keep, self.extent, self.pooled, generator, self.gradients
+                )
             if len(self.optimiser.field) == 0:
                 raise BadInput("All Gaussians were pruned: none explains the masks; check the masks and the cameras.")
             self._update_filter(self.optimiser.field)
             self.stats = RenderStats.zeros(len(self.optimiser.field), self.device)
+
+    def _reset_opacities(self, share: float) -> None:
+        every, until = self.gradients.reset_every, self.densification.densify_until
+        if self.config.densify_by != "error" and every and self.iteration % every == 0 and share < until:
+            reset_opacities(self.optimiser, self.gradients.reset_opacity)
+
+    def _refine_by_error(self, keep: torch.Tensor, share: float, grow: bool) -> None:
+        options = self.densification
+        budget = budget_at(share, self.figures["start_gaussians"], options)
+        first = self.iteration - options.densify_every
+        complete = covers_all_views(first, self.iteration, len(self.views), self.config.seed)
+        refine(self.optimiser, self.stats, keep, budget, grow, options, prune_unseen=complete)
 
     def _update_filter(self, field: Gaussians) -> None:
         if not self.config.filter_3d:

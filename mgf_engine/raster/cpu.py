@@ -230,7 +230,7 @@ def backward(
         hits: per pixel, after which entry of its list drawing ended.
         gradients: of the loss by each output.
         error_map: float32 [H, W], per-pixel error that ``statistics`` gather; None for zero.
-        statistics: (weight, error, grad2d, max_radius, count) to add to, or none.
+        statistics: all of :class:`mgf_engine.raster.outputs.RenderStats`, to add to, or none.
     """
     sums = blend_backward(lists, image, hits, gradients, error_map, statistics is not None)
     return project_backward(raw, sh_degree, lists, hits, sums, gradients.level, statistics)
@@ -282,5 +282,5 @@ def project_backward(
     columns = SUMS if statistics is not None or level > _LEVEL_COLOR else 16
     entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)
     given = (len(raw.positions), lists.camera, *raw.all, sh_degree, *entries)
-    parallel("mgf_project_backward", *given, *gradients, *(statistics or (None,) * 5))
+    parallel("mgf_project_backward", *given, *gradients, *(statistics or (None,) * 6))
     return gradients

@@ -44,21 +44,25 @@ class RenderStats:
     Attributes:
         weight: float32 [N], sum of its blending weights over pixels.
         error: float32 [N], sum of weight * ``error_map``.
-        grad2d: float32 [N], sum over pixels of |dL/dx| + |dL/dy| of its projected centre: not cancelling.
+        gradient: float32 [N], sum over views of the length of dL/dc, c its projected centre in normalised device
+            coordinates (half the frame is 1); moving c moves its response across the
+            picture, in the shape that it has there.
+        absolute_gradient: float32 [N], the same with the length taken in each pixel before the sum: not cancelling.
         max_radius: float32 [N], largest half extent of its footprint in pixels, over views.
         count: int32 [N], number of views in which its weight was above zero.
     """
 
     weight: Tensor
     error: Tensor
-    grad2d: Tensor
+    gradient: Tensor
+    absolute_gradient: Tensor
     max_radius: Tensor
     count: Tensor
 
     @classmethod
     def zeros(cls, n: int, device: torch.device | str = "cpu") -> RenderStats:
-        weight, error, grad2d, max_radius = torch.zeros(4, n, device=device).unbind(0)
-        return cls(weight, error, grad2d, max_radius, torch.zeros(n, dtype=torch.int32, device=device))
+        weight, error, gradient, absolute, radius = torch.zeros(5, n, device=device).unbind(0)
+        return cls(weight, error, gradient, absolute, radius, torch.zeros(n, dtype=torch.int32, device=device))
 
     def to(self, device: torch.device) -> RenderStats:
         """Return the statistics on a device."""
@@ -66,4 +70,4 @@ class RenderStats:
 
     @property
     def all(self) -> tuple[Tensor, ...]:
-        return self.weight, self.error, self.grad2d, self.max_radius, self.count
+        return self.weight, self.error, self.gradient, self.absolute_gradient, self.max_radius, self.count

@@ -291,7 +291,9 @@ def _gather_statistics(
         total = weight.sum(1)
         stats.weight += total.float()
         stats.error += (weight * error[wanted].double()).sum(1).float()
-        stats.grad2d += gradient.abs().sum((1, 2)).float()
+        half_frames = gradient * torch.tensor([0.5 * wanted.shape[1], 0.5 * wanted.shape[0]])
+        stats.gradient += half_frames.sum(1).norm(dim=1).float()
+        stats.absolute_gradient += half_frames.norm(dim=2).sum(1).float()
         seen = total > 0
         stats.count += seen.to(torch.int32)
         stats.max_radius.copy_(torch.where(seen, torch.maximum(stats.max_radius, radius.float()), stats.max_radius))

@@ -8,6 +8,7 @@ import pytest
 
 from mgf_engine.config import make_config
 from mgf_engine.field.schedule import (
+    LearningRates,
     ScheduleOptions,
     covers_all_views,
     geometry_at,
@@ -47,6 +48,12 @@ def test_rates_only_fall() -> None:
     for name, first in rates_at(0.0).items():
         values = [rates_at(share)[name] for share in np.linspace(0, 1, 21)]
         assert values[0] == first and (np.diff(values) <= 0).all() and values[-1] > 0
+
+
+def test_rates_of_positions_may_be_in_units_of_the_extent() -> None:
+    rates = LearningRates(positions=1.6e-4, positions_final=1.6e-6, by_extent=True).for_extent(5.0)
+    assert [rates_at(share, 1.0, rates)["positions"] for share in (0.0, 1.0)] == pytest.approx([8e-4, 8e-6])
+    assert LearningRates().for_extent(5.0) == LearningRates()
 
 
 def test_a_run_cut_short_takes_larger_steps() -> None:

@@ -44,6 +44,23 @@ def test_it_learns_the_wall(make_wall, tmp_path) -> None:
     assert same(read_field(tmp_path / "run" / "field.npz"), field)
 
 
+@pytest.mark.parametrize("by", ["gradient", "absolute_gradient"])
+def test_by_gradient_it_grows_and_learns_and_resets_opacities_until_densification_ends(
+    make_wall, tmp_path, monkeypatch, by: str
+) -> None:
+    scene, masks = make_wall(CENTRES)
+    resets, reset = [], trainer.reset_opacities
+    monkeypatch.setattr(trainer, "reset_opacities", lambda *a: resets.append(a[1]) or reset(*a))
+    options = {**OPTIONS, "densify_by": by, "gradient_densification.reset_every": 20, "prune_opacity": 0.005}
+    # The cameras stand close together, so that their extent is small beside the wall.
+    options |= {"densify_until": 0.3, "gradient_densification.largest": 10.0}
+    field, figures = train(scene, masks, make_config(options), tmp_path, Reporter())
+    counts = [p["gaussians"] for p in figures["curve"]]
+    assert resets == [0.01]  # after 20 of 120 iterations; densification ends after 36
+    assert counts[0] < counts[-1] == counts[40] == len(field) <= 1500
+    assert np.mean([p["psnr"] for p in figures["curve"][-12:]]) > 20
+
+
 def test_the_same_seed_gives_the_same_field_and_another_seed_another(make_wall, tmp_path) -> None:
     scene, masks = make_wall(CENTRES)
     options = {**OPTIONS, "iterations": 50}

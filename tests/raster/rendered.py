@@ -205,7 +205,7 @@ def assert_agrees(
         difference, largest = ((a - b).abs() * certain).max(), a.abs().max().clamp_min(1.0)
         assert difference <= limit.image * largest, f"{name}: {difference} of {largest}"
     assert_gradients_agree(found, expected, limit.gradient)
-    for name in ("error", "grad2d"):
+    for name in ("error", "gradient", "absolute_gradient"):
         a, b = getattr(expected.stats, name), getattr(found.stats, name)
         if a.numel():
             assert (a - b).abs().max() <= limit.gradient * a.max() + 1e-9, f"stats.{name}"

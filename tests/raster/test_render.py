@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 import torch
 from rendered import (
@@ -108,6 +111,24 @@ def test_statistics(backend: str) -> None:
     difference = (found.stats.max_radius - twin.stats.max_radius)[shown]  # the kernels' footprint has a small margin
     assert difference.min() > -1e-2 and (difference / twin.stats.max_radius[shown]).max() < 0.01
     assert float(found.stats.weight.sum()) == pytest.approx(float(found.rendering.alpha.detach().sum()), rel=1e-4)
+
+
+def test_gradient_of_the_projected_centre_matches_differences(backend: str) -> None:
+    """Moving the principal point moves the response of a lone Gaussian across the picture, in the shape it has."""
+    field, view = gaussians(1, seed=2, log_scale=-1.0), camera()
+    field.positions[:], field.opacity_logits[:] = torch.tensor([0.3, -0.2, 0.1]), 1.0
+    certain = ~reference.uncertain(field, view, 2, None, 2e-2)
+    weights = random_weights(view, OUTPUTS, 0, certain)
+    stats = run(field, view, backend, weights, torch.zeros(view.height, view.width), sh_degree=2).stats
+
+    def loss(name: str, step: float) -> float:
+        seen = reference.render(field, replace(view, **{name: getattr(view, name) + step}), 2)
+        return float(sum((getattr(seen, key) * weight).sum() for key, weight in weights.items()))
+
+    slopes = [(loss(name, 1e-5) - loss(name, -1e-5)) / 2e-5 for name in ("cx", "cy")]
+    expected = math.hypot(slopes[0] * view.width / 2, slopes[1] * view.height / 2)
+    assert float(stats.gradient) == pytest.approx(expected, rel=1e-3)
+    assert float(stats.absolute_gradient) > 1.5 * expected  # pixels of random weights pull apart
 
 
 def test_statistics_add_up_over_views(backend: str) -> None:

@@ -259,7 +259,7 @@ class Rasterizer:
         columns = SUMS if statistics is not None or level > 0 else 16
         entries = (lists.records, lists.tile_counts, lists.slot_starts, hits, sums, columns)
         given = (n, lists.camera, *raw.all, sh_degree, *entries)
-        self.launcher.launch("project_backward", blocks(n), *given, gradients, statistics or (None,) * 5)
+        self.launcher.launch("project_backward", blocks(n), *given, gradients, statistics or (None,) * 6)
         return gradients
 
 

@@ -91,7 +91,8 @@ static inline void differentiate_pixel(Pixel &s, const float *g, float dx, float
     sum[SUM_WEIGHT] = w, sum[SUM_ERROR] = w * s.error;
     const float move_x = 2.0f * (g[REC_Q0] * gqx + g[REC_Q1] * gqy + g[REC_A3] * gAx + g[REC_A4] * gAy) + g[REC_A1] * gA + g[REC_B1] * gB;
     const float move_y = 2.0f * (g[REC_Q1] * gqx + g[REC_Q2] * gqy + g[REC_A4] * gAx + g[REC_A5] * gAy) + g[REC_A2] * gA + g[REC_B2] * gB;
-    sum[SUM_MOTION] = fabsf(move_x) + fabsf(move_y);
+    const float half_x = 0.5f * camera->width * move_x, half_y = 0.5f * camera->height * move_y;
+    sum[SUM_MOTION] = sqrtf(half_x * half_x + half_y * half_y);
 }
 
 template <int LEVEL, bool STATS>

@@ -13,7 +13,7 @@ struct ParameterGradients {
 
 // Per Gaussian, added to; all null where nobody asks.
 struct Statistics {
-    float *weight, *error, *motion, *max_radius;
+    float *weight, *error, *gradient, *motion, *max_radius;
     int *count;
 };
 
@@ -58,9 +58,10 @@ static inline void zero_rows(const ParameterGradients &out, int64_t i) {
     out.opacity_logits[i] = 0.0f;
 }
 
-static inline void add_statistics(const Statistics &out, const float *sum, const float *record, int i) {
+static inline void add_statistics(const Statistics &out, const float *sum, const float *record, float gradient, int i) {
     if (!(sum[SUM_WEIGHT] > 0.0f)) return;
     out.weight[i] += sum[SUM_WEIGHT], out.error[i] += sum[SUM_ERROR], out.motion[i] += sum[SUM_MOTION];
+    out.gradient[i] += gradient;
     out.count[i]++;
     if (record[REC_RADIUS] > out.max_radius[i]) out.max_radius[i] = record[REC_RADIUS];
 }
@@ -95,11 +96,11 @@ KERNEL(project_backward, int n, BY_VALUE Camera camera, const float *positions, 
             // beyond float32 (scales at their bound, focal lengths below a pixel): as none
             for (int c = 0; c < 3; c++) position[c] = log_scale[c] = 0.0f;
             for (int c = 0; c < 4; c++) rotation[c] = 0.0f;
-            logit = 0.0f;
+            logit = g.centre[0] = g.centre[1] = 0.0f;
         }
         for (int c = 0; c < 3; c++) out.positions[3 * (int64_t)i + c] = position[c], out.log_scales[3 * (int64_t)i + c] = log_scale[c];
         for (int c = 0; c < 4; c++) out.rotations[4 * (int64_t)i + c] = rotation[c];
         out.opacity_logits[i] = logit;
-        if (statistics.weight) add_statistics(statistics, sum, record.of, i);
+        if (statistics.weight) add_statistics(statistics, sum, record.of, centre_gradient(&g, &camera), i);
     }
 }

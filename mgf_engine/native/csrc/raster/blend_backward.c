@@ -146,7 +146,8 @@ INLINE Slopes differentiate_block(Block *s, const float *g, v16 dx, v16 dy, cons
 }
 
 // Adds the sums of the slopes of one block.
-INLINE void add_slopes(const Slopes *of, const float *g, v16 dx, v16 dy, v16 *sum, const int level, const int stats) {
+INLINE void add_slopes(const Slopes *of, const float *g, v16 dx, v16 dy, const Camera *camera, v16 *sum, const int level,
+                       const int stats) {
     const v16 gq = of->q, gA = of->a, gB = level >= LEVEL_DEPTH ? of->b : splat(0.0f);
     const v16 gqx = gq * dx, gqy = gq * dy, gAx = gA * dx, gAy = gA * dy;
     sum[SUM_QX] += gqx, sum[SUM_QY] += gqy, sum[SUM_QXX] += gqx * dx, sum[SUM_QXY] += gqx * dy, sum[SUM_QYY] += gqy * dy;
@@ -156,7 +157,8 @@ INLINE void add_slopes(const Slopes *of, const float *g, v16 dx, v16 dy, v16 *su
     if (!stats) return;
     const v16 move_x = 2.0f * (g[REC_Q0] * gqx + g[REC_Q1] * gqy + g[REC_A3] * gAx + g[REC_A4] * gAy) + g[REC_A1] * gA + g[REC_B1] * gB;
     const v16 move_y = 2.0f * (g[REC_Q1] * gqx + g[REC_Q2] * gqy + g[REC_A4] * gAx + g[REC_A5] * gAy) + g[REC_A2] * gA + g[REC_B2] * gB;
-    sum[SUM_MOTION] += vmax(move_x, -move_x) + vmax(move_y, -move_y);
+    const v16 half_x = 0.5f * camera->width * move_x, half_y = 0.5f * camera->height * move_y;
+    sum[SUM_MOTION] += vsqrt(half_x * half_x + half_y * half_y);
 }
 
 INLINE void differentiate_tile(int64_t tile, const Camera *camera, const float *records, const int32_t *gid, const int32_t *slots,
@@ -193,7 +195,7 @@ INLINE void differentiate_tile(int64_t tile, const Camera *camera, const float *
         for (uint32_t todo = hit; todo; todo &= todo - 1) {
             const int b = __builtin_ctz(todo);
             READ_ANEW(g);
-            add_slopes(of++, g, COLUMN_X[b & 3] + x, ROW_Y[b >> 2] + y, sum, level, stats);
+            add_slopes(of++, g, COLUMN_X[b & 3] + x, ROW_Y[b >> 2] + y, camera, sum, level, stats);
         }
         float *out = sums + (int64_t)slots[k] * SUM_SIZE;
         const v16 low = sums16(sum);

@@ -11,6 +11,6 @@ enum {
     SUM_B0, SUM_BX, SUM_BY,                                // sum gB, gB x, gB y, gB = dL/dB
     SUM_NX, SUM_NY, SUM_NZ,
     SUM_ERROR,                                             // sum w * error of the pixel
-    SUM_MOTION,                                            // sum |dL/d centre_x| + |dL/d centre_y| per pixel
+    SUM_MOTION,                                            // sum |dL/d centre|, each pixel's own, centre in half frames
     SUM_SIZE,
 };

@@ -17,7 +17,7 @@ typedef struct {
 
 // Per Gaussian, added to; any of them may be null.
 typedef struct {
-    float *weight, *error, *motion, *max_radius;
+    float *weight, *error, *gradient, *motion, *max_radius;
     int32_t *count;
 } Statistics;
 
@@ -65,12 +65,13 @@ static inline void store_rows(float *rows, const v16 *columns, int width, int64_
         for (int c = 0; c < width; c++) rows[(first + l) * width + c] = ((const float *)(columns + c))[l];
 }
 
-static inline void add_statistics(const Statistics *out, const v16 *sum, const v16 *rec, int64_t first, int lanes) {
+static inline void add_statistics(const Statistics *out, const v16 *sum, const v16 *rec, v16 gradient, int64_t first, int lanes) {
     for (int l = 0; l < lanes; l++) {
         const float weight = ((const float *)(sum + SUM_WEIGHT))[l], radius = ((const float *)(rec + REC_RADIUS))[l];
         if (!(weight > 0.0f)) continue;
         out->weight[first + l] += weight;
         out->error[first + l] += ((const float *)(sum + SUM_ERROR))[l];
+        out->gradient[first + l] += ((const float *)&gradient)[l];
         out->motion[first + l] += ((const float *)(sum + SUM_MOTION))[l];
         out->count[first + l]++;
         if (radius > out->max_radius[first + l]) out->max_radius[first + l] = radius;
@@ -115,7 +116,7 @@ static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camer
     store_rows(out->log_scales, log_scales, 3, first, lanes);
     store_rows(out->rotations, rotation, 4, first, lanes);
     store_rows(out->opacity_logits, &logit, 1, first, lanes);
-    if (statistics->weight) add_statistics(statistics, sum, rec, first, lanes);
+    if (statistics->weight) add_statistics(statistics, sum, rec, keep(kept, centre_gradient(&g, camera)), first, lanes);
 }
 
 // Writes every row of the five gradients (zero where a Gaussian is not drawn); the statistics are added to, or null.
@@ -124,10 +125,10 @@ MGF_API void mgf_project_backward(int32_t *next, int64_t n, const Camera *camera
                                   int64_t degree, const float *records, const int32_t *tile_counts, const int64_t *slot_starts,
                                   const uint16_t *hits, const float *slot_sums, int64_t columns, float *g_positions,
                                   float *g_log_scales, float *g_rotations, float *g_opacity_logits, float *g_sh, float *weight,
-                                  float *error, float *motion, float *max_radius, int32_t *count) {
+                                  float *error, float *gradient, float *motion, float *max_radius, int32_t *count) {
     const Parameters in = {positions, log_scales, rotations, opacity_logits, sh, filter_3d};
     const ParameterGradients out = {g_positions, g_log_scales, g_rotations, g_opacity_logits, g_sh};
-    const Statistics statistics = {weight, error, motion, max_radius, count};
+    const Statistics statistics = {weight, error, gradient, motion, max_radius, count};
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
         if (start >= n) return;

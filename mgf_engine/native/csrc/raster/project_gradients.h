@@ -16,7 +16,7 @@
 
 // Gradients of everything that depends on the record's columns; filled step by step.
 typedef struct {
-    v16 m[3], axis[3][3], h[3], opacity;
+    v16 centre[2], m[3], axis[3][3], h[3], opacity;
 } LaneGradients;
 
 // Where all of the values are finite.
@@ -33,6 +33,7 @@ static inline void geometry_gradients(const Lanes *s, const v16 *rec, const v16 
                      rec[REC_A1] * sum[SUM_A] + rec[REC_B1] * sum[SUM_B0]);
     const v16 gv = -(2.0f * (rec[REC_Q1] * sum[SUM_QX] + rec[REC_Q2] * sum[SUM_QY] + rec[REC_A4] * sum[SUM_AX] + rec[REC_A5] * sum[SUM_AY]) +
                      rec[REC_A2] * sum[SUM_A] + rec[REC_B2] * sum[SUM_B0]);
+    out->centre[0] = gu, out->centre[1] = gv;
     const v16 gq0 = sum[SUM_QXX], gq1 = 2.0f * sum[SUM_QXY], gq2 = sum[SUM_QYY];
     const v16 ga1 = sum[SUM_AX] + 0.5f * s->m[2] * sum[SUM_BX], ga2 = sum[SUM_AY] + 0.5f * s->m[2] * sum[SUM_BY];
     const v16 ga3 = sum[SUM_AXX], ga4 = 2.0f * sum[SUM_AXY], ga5 = sum[SUM_AYY];
@@ -106,4 +107,10 @@ static inline void scale_gradients(const Lanes *s, const LaneGradients *g, v16 *
         const v16 share = s->local2[k] / s->scale2[k];
         log_scales[k] = keep(s->clamped[k] == 0, 2.0f * g->h[k] * s->h[k] * share + g->opacity * opacity * (1.0f - share));
     }
+}
+
+// |dL/d centre| of the projected centre, the rest of the record held fixed, in half frames (normalised device coordinates).
+static inline v16 centre_gradient(const LaneGradients *g, const Camera *camera) {
+    const v16 x = 0.5f * camera->width * g->centre[0], y = 0.5f * camera->height * g->centre[1];
+    return vsqrt(x * x + y * y);
 }
