@@ -56,6 +56,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     # masks
     Algorithm("neighbour_views", "masks", "Choice of the photos that are matched with each other", "scene.neighbours:NeighbourOptions"),
     Algorithm("stereo", "masks", "Depth of photos by semi-global matching", "scene.stereo:StereoOptions"),
+    Algorithm("coarse_stereo", "masks", "Depth of reduced photos, where fine textures alias", "scene.coarse_stereo:CoarseStereoOptions"),
     Algorithm("mask_hull", "masks", "Visual hull of the masks that stands in for missing sparse points", "masks.geometry.visual_hull:MaskHullOptions"),
     Algorithm("random_walker", "masks", "Label propagation from clicks to all photos and points", "masks.propagation.random_walker_options:RandomWalkerOptions", also=("preview",)),
     Algorithm("sky", "masks", "Sky regions and the skyline", "masks.propagation.sky_regions:SkyOptions", also=("preview",)),
@@ -98,6 +99,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("start_lines", "field", "Edges in photos and lines in space", "start.options:SegmentOptions"),
     Algorithm("start_planes", "field", "Planes through lines", "start.options:PlaneOptions"),
     Algorithm("start_stereo", "field", "Points by stereo", "start.options:DenseOptions"),
+    Algorithm("start_aliased", "field", "Points by stereo where fine textures alias", "start.options:AliasedPointOptions"),
     Algorithm("patch_match", "field", "Depth of photos by PatchMatch stereo", "scene.patch_match:PatchMatchOptions"),
     Algorithm("start_smoothing", "field", "Smoothing of points by stereo", "start.options:PointSmoothingOptions"),
     Algorithm("start_cut", "field", "Minimum cut that makes the starting surface", "start.options:CutOptions"),

@@ -8,7 +8,7 @@ whose depth another photo's depth map confirms is a point of the scene.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -28,11 +28,13 @@ class Matching:
         neighbours: number of others that each photo is matched with.
         longest_side: px; larger photos are reduced.
         stereo: options of the choice of neighbours and of each pair.
+        blur: standard deviation by which the reduced photos are blurred, px; 0 for not at all.
     """
 
     neighbours: int
     longest_side: int
     stereo: StereoOptions = StereoOptions()
+    blur: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,14 @@ def match_photos(
         threads: number of worker threads.
         check: called between photos; may raise to cancel.
     """
-    read = parallel_map(lambda i: photo_at(scene, i, inside and inside(i), matching.longest_side), views, threads)
+
+    def read_photo(i: int) -> Photo:
+        photo = photo_at(scene, i, inside and inside(i), matching.longest_side)
+        if matching.blur <= 0:
+            return photo
+        return replace(photo, grey=np.asarray(cv2.GaussianBlur(photo.grey, (0, 0), matching.blur), np.uint8))
+
+    read = parallel_map(read_photo, views, threads)
     photos = dict(zip(views, read, strict=True))
     chosen = matching_views(scene, kept, views, matching.neighbours, matching.stereo.neighbours)
     sets, tolerance = point_sets(scene, kept), matching.stereo.tolerance

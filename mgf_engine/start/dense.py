@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.sparse import csr_array, vstack
 from mgf_engine.masks.geometry.visual_hull import with_hull_points
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.scene.coarse_stereo import confirmed_texture, match_reduced, texture_strength
 from mgf_engine.scene.depths import Depths, Matching, match_photos
 from mgf_engine.scene.patch_match import improve_depths
 from mgf_engine.start.confirmation import confirmed_share, surface_normals
@@ -22,6 +23,7 @@ from mgf_engine.start.options import DenseOptions, PointSmoothingOptions
 from mgf_engine.start.smoothing import smooth_points
 from mgf_engine.start.views import StartViews
 
+log = logging.getLogger("mgf")
 _BATCH = 8  # photos whose points are added up together
 
 
@@ -35,6 +37,8 @@ def dense_points(
 ) -> DensePoints:
     """Match the photos: one point per voxel of ``o.size`` px that enough of the photos confirm, smoothed.
 
+    Where hardly any texture is confirmed, it is finer than the photos can show: reduced photos are matched, too.
+
     Args:
         views: cameras and masks at working size.
         masks: the building in each photo.
@@ -44,18 +48,47 @@ def dense_points(
         check: called between photos; may raise to cancel.
     """
     scene, kept = with_hull_points(views.scene, masks, views.indices, o.hull)
+    matching = Matching(o.neighbours, o.longest_side, o.stereo)
+
+    def inside(index: int) -> NDArray[np.bool_]:
+        return building(masks.labels[index])
+
     depths = match_photos(
-        scene, views.indices, kept, lambda i: building(masks.labels[i]),
-        Matching(o.neighbours, o.longest_side, o.stereo), threads, check,
+        scene, views.indices, kept, inside,
+        matching, threads, check,
     )  # fmt: skip
+    aliased = confirmed_texture(depths, o.coarse) < o.coarse.least_confirmed
     depths = improve_depths(depths, scene, kept, o.stereo.neighbours, o.patch_match, check)
+    found = _fuse(views, depths, o, views.pixel, smoothing, threads)
+    if not aliased:
+        return found
+    log.info("start: fine texture aliases, reduced photos are matched")
+    depths = match_reduced(scene, views.indices, kept, inside, matching, o.coarse, threads, check)
+    a, factor = o.aliased, o.coarse.factor
+    coarse = replace(o, texture=a.texture, confirmed_by=a.confirmed_by, least_share=a.least_share, weight=a.weight)
+    return replace(found.joined(_fuse(views, depths, coarse, factor * views.pixel, smoothing, threads)), aliased=True)
+
+
+def _fuse(
+    views: StartViews, depths: Depths, o: DenseOptions, pixel: float, smoothing: PointSmoothingOptions, threads: int
+) -> DensePoints:
+    """Fuse depth maps to points.
+
+    Args:
+        views: cameras and masks.
+        depths: the depth maps.
+        o: voxels and confirmation.
+        pixel: size of a pixel of the matched photos at the building.
+        smoothing: of the points.
+        threads: number of worker threads.
+    """
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
-    size = o.size * views.pixel
+    size = o.size * pixel
     parts = [VoxelSums.of(np.zeros((0, 3)), csr_array((0, len(views.views)), dtype=np.uint32), views.low, size)]
-    for found in parallel_map(
+    for sums in parallel_map(
         lambda n: VoxelSums.of(*_confirmed(views, depths, n, o), views.low, size), numbers, threads
     ):
-        parts.append(found)
+        parts.append(sums)
         if len(parts) > _BATCH:
             parts = [VoxelSums.joined(parts)]
     points, seen = VoxelSums.joined(parts).means(o.least_points, o.seen_share)
@@ -63,7 +96,7 @@ def dense_points(
     share = confirmed_share(views, depths, points, normals, seen, o)
     enough = np.flatnonzero(share >= o.least_share)
     weight = o.weight * np.minimum(share[enough] / o.full_share, 1) ** 2
-    smooth, normals = smooth_points(points[enough], normals[enough], views.pixel, smoothing, threads)
+    smooth, normals = smooth_points(points[enough], normals[enough], pixel, smoothing, threads)
     confirmed = DensePoints(smooth, [seen[n] for n in enough], weight, normals)
     return _towards_views(confirmed, views.centres)
 
@@ -83,7 +116,7 @@ def _confirmed(
     height, width = photo.grey.shape
     color = cv2.resize(views.scene.photo(views.indices[number]), (width, height), interpolation=cv2.INTER_AREA)
     light = cv2.cvtColor(color.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)[..., 0]
-    _, points = depths.points(views.indices[number], photo.inside & (_texture(light) > o.texture))
+    _, points = depths.points(views.indices[number], photo.inside & (texture_strength(light) > o.texture))
     points = points[((points > views.low) & (points < views.high)).all(1)]
     others = [int(n) for n in np.flatnonzero(views.angles[number] < o.largest_angle) if n != number]
     rows = [np.arange(len(points)), *(np.flatnonzero(depths.confirms(views.indices[n], points)) for n in others)]
@@ -92,17 +125,6 @@ def _confirmed(
     seen = csr_array((np.ones(len(row), np.uint32), (row, view)), shape=(len(points), len(views.views)))
     keep = np.bincount(row, minlength=len(points)) > o.confirmed_by
     return points[keep], seen[keep]
-
-
-def _texture(light: NDArray[Any]) -> NDArray[np.float32]:
-    """Compute the root mean square of the gradient within 7 x 7 px in its weakest direction, per px, [H, W].
-
-    The smaller eigenvalue of the structure tensor (Shi and Tomasi 1994): a straight edge matches anywhere along itself,
-    and lines have points of their own.
-    """
-    # OpenCV's tensor is of Sobel differences over a length of two pixels.
-    least = np.maximum(cv2.cornerMinEigenVal(light, 7, ksize=3), 0)
-    return np.asarray(np.sqrt(least) / 2, np.float32)
 
 
 @dataclass(frozen=True)
@@ -114,12 +136,21 @@ class DensePoints:
         seen: of each, positions of the views that see it.
         weight: of each one's rays, [N].
         normals: unit vectors towards the views, [N, 3].
+        aliased: whether the photos' texture is finer than they can show.
     """
 
     points: NDArray[np.float64]
     seen: list[NDArray[np.int64]]
     weight: NDArray[np.float64]
     normals: NDArray[np.float64]
+    aliased: bool = False
+
+    def joined(self, other: DensePoints) -> DensePoints:
+        """Return these points and other ones."""
+        points, weight, normals = (
+            np.concatenate([getattr(part, name) for part in (self, other)]) for name in ("points", "weight", "normals")
+        )
+        return DensePoints(points, [*self.seen, *other.seen], weight, normals, self.aliased)
 
 
 @dataclass(frozen=True)

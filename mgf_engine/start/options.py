@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import Config, job_option
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
+from mgf_engine.scene.coarse_stereo import CoarseStereoOptions
 from mgf_engine.scene.patch_match import PatchMatchOptions
 from mgf_engine.scene.stereo import StereoOptions
 
@@ -68,6 +69,9 @@ class SegmentOptions:
     residual: float = parameter(1.0, "Maximum residual of a segment that supports the fitted line", "px")
     spread: float = parameter(10.0, "Minimum angle between two rays to a line", "degrees")
     outside_share: float = parameter(0.3, "Share of a line that may lie outside", high=1)
+    aliased_blur: float = parameter(
+        2.0, "Standard deviation by which photos are blurred whose texture aliases, before edges are found", "px"
+    )
     step: float = parameter(4.0, "Distance between the points on a line", "px", low=0.5)
     shortest_line: float = parameter(2.0, "Minimum length of a line that gets points", "px")
 
@@ -132,6 +136,16 @@ class PlaneOptions:
 
 
 @dataclass(frozen=True)
+class AliasedPointOptions:
+    """Points by stereo on reduced photos, where fine textures alias; they replace those of start_stereo."""
+
+    texture: float = parameter(0.3, "Minimum gradient of L (Lab) per px of the reduced photo in its weakest direction")
+    confirmed_by: int = parameter(2, "Number of further photos that must confirm a point")
+    least_share: float = parameter(0.3, "Minimum share of the photos that ought to see a point and do", high=1)
+    weight: float = parameter(0.9, "Weight of a ray to a point; one to a point on a line weighs 1")
+
+
+@dataclass(frozen=True)
 class DenseOptions:
     """Points by stereo."""
 
@@ -151,6 +165,8 @@ class DenseOptions:
     full_share: float = parameter(0.9, "Such share from which a point counts in full", low=0.01, high=1)
     weight: float = parameter(0.3, "Weight of a ray to a point; one to a point on a line weighs 1")
 
+    aliased: AliasedPointOptions = AliasedPointOptions()
+    coarse: CoarseStereoOptions = CoarseStereoOptions()
     stereo: StereoOptions = StereoOptions()
     patch_match: PatchMatchOptions = PatchMatchOptions()
     hull: MaskHullOptions = MaskHullOptions()

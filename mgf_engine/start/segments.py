@@ -100,9 +100,16 @@ class Segments:
         return table
 
 
-def find_segments(views: StartViews, options: SegmentOptions, threads: int) -> Segments:
-    """Detect the edges of all photos in and beside their masks."""
-    found = list(parallel_map(lambda n: _detect(views, n, options), range(len(views.views)), threads))
+def find_segments(views: StartViews, options: SegmentOptions, threads: int, blur: float = 0.0) -> Segments:
+    """Detect the edges of all photos in and beside their masks.
+
+    Args:
+        views: photos, cameras and masks.
+        options: of the edges.
+        threads: number of worker threads.
+        blur: standard deviation by which the photos are blurred first, px.
+    """
+    found = list(parallel_map(lambda n: _detect(views, n, options, blur), range(len(views.views)), threads))
     first = np.cumsum([0, *(len(ends) for ends, _ in found)]).astype(np.int32)
     ends = np.concatenate([ends for ends, _ in found])
     view = np.repeat(np.arange(len(found), dtype=np.int32), np.diff(first))
@@ -118,9 +125,13 @@ def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.fl
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-def _detect(views: StartViews, number: int, o: SegmentOptions) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+def _detect(
+    views: StartViews, number: int, o: SegmentOptions, blur: float
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
     """Detect a photo's longest edges; returns their ends [N, 4] and the Lab colours of both sides [N, 2, 3]."""
     photo = views.photo(number)
+    if blur > 0:
+        photo = np.asarray(cv2.GaussianBlur(photo, (0, 0), blur), np.uint8)
     lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2Lab), np.float32)
     grey = np.clip(lab[..., 0] * 2.55, 0, 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)  # edges of one pixel are found, too

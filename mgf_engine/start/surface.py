@@ -25,7 +25,7 @@ from mgf_engine.system import cores, release_memory
 from mgf_engine.timing import PartTimes
 
 #: Parts of the work, in order, as progress messages name them.
-PARTS = ("views", "lines", "dense", "planes", "cut")
+PARTS = ("views", "dense", "lines", "planes", "cut")
 
 
 @dataclass(frozen=True)
@@ -82,12 +82,13 @@ def start_surface(
     begin("views")
     with times.part("views"):
         views = start_views(scene, masks, indices, options.views)
-    begin("lines")
-    with times.part("lines"):
-        lines = find_lines(find_segments(views, options.segments, threads))
     begin("dense")
     with times.part("dense"):
         dense = dense_points(views, masks, options.dense, options.smoothing, threads, reporter.check)
+    begin("lines")
+    with times.part("lines"):
+        blur = options.segments.aliased_blur if dense.aliased else 0.0
+        lines = find_lines(find_segments(views, options.segments, threads, blur))
     begin("planes")
     with times.part("planes"):
         evidence = gather_evidence(views, lines, dense, options)

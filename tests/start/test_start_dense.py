@@ -9,24 +9,25 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from mgf_engine.start.dense import VoxelSums, _texture
+from mgf_engine.scene.coarse_stereo import texture_strength
+from mgf_engine.start.dense import DensePoints, VoxelSums
 from mgf_engine.start.options import DenseOptions
 
 ROWS, COLUMNS = np.mgrid[:40, :40].astype(np.float32)
 
 
 @pytest.mark.parametrize("picture", [0 * ROWS, 60 * (COLUMNS > 20), 60 * (ROWS > 20), 20 * ROWS])
-def test_plain_places_and_straight_edges_have_no_texture(picture: np.ndarray) -> None:
-    assert _texture(picture.astype(np.float32))[5:-5, 5:-5].max() < 0.1 * DenseOptions.texture
+def test_plain_places_and_straight_edges_have_notexture_strength(picture: np.ndarray) -> None:
+    assert texture_strength(picture.astype(np.float32))[5:-5, 5:-5].max() < 0.1 * DenseOptions.texture
 
 
 def test_it_is_the_gradient_where_that_is_least() -> None:
     steep, gentle = 4.0, 1.5  # L per px along columns and rows
     folded = steep * np.abs(COLUMNS % 8 - 4) + gentle * np.abs(ROWS % 8 - 4)
-    found = np.median(_texture(folded.astype(np.float32))[8:-8, 8:-8])
+    found = np.median(texture_strength(folded.astype(np.float32))[8:-8, 8:-8])
     assert 0.5 * gentle < found <= gentle
     noise = np.random.default_rng(0).normal(scale=8.0, size=ROWS.shape).astype(np.float32)
-    assert _texture(noise)[5:-5, 5:-5].min() > DenseOptions.texture
+    assert texture_strength(noise)[5:-5, 5:-5].min() > DenseOptions.texture
 
 
 def sparse(seen: np.ndarray) -> csr_array:
@@ -80,3 +81,13 @@ def test_views_that_saw_nothing_take_no_memory() -> None:
     VoxelSums.joined(parts).means()
     assert tracemalloc.get_traced_memory()[1] < 0.25 * 8 * 4 * count * views
     tracemalloc.stop()
+
+
+def test_two_lots_of_points_are_joined_in_order() -> None:
+    def lot(count: int, weight: float, aliased: bool) -> DensePoints:
+        seen = [np.array([n]) for n in range(count)]
+        return DensePoints(np.full((count, 3), weight), seen, np.full(count, weight), np.ones((count, 3)), aliased)
+
+    both = lot(2, 0.3, True).joined(lot(3, 0.9, False))
+    assert both.weight.tolist() == [0.3, 0.3, 0.9, 0.9, 0.9] == both.points[:, 0].tolist()
+    assert [s.tolist() for s in both.seen] == [[0], [1], [0], [1], [2]] and both.aliased and len(both.normals) == 5

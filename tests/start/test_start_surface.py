@@ -151,7 +151,7 @@ def test_one_photo_is_one_sentence_and_two_give_what_they_show(plain_house: Plai
     said = [
         (m["figures"]["start"], m["fraction"]) for m in sent if m["type"] == "progress" and "block" not in m["figures"]
     ]
-    assert said == [("views", 0.0), ("lines", 0.2), ("dense", 0.4), ("planes", 0.6), ("cut", 0.8)]
+    assert said == [("views", 0.0), ("dense", 0.2), ("lines", 0.4), ("planes", 0.6), ("cut", 0.8)]
     assert len(two.mesh.faces) and np.isfinite(two.mesh.vertices).all()
 
 

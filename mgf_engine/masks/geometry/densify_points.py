@@ -7,7 +7,7 @@ ground behind, whatever was clicked on them. Matching photos with their neighbou
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import cv2
@@ -18,6 +18,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import disc
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.coarse_stereo import CoarseStereoOptions, match_reduced, on_aliased_texture
 from mgf_engine.scene.depths import Depths, Matching, match_photos
 from mgf_engine.scene.stereo import StereoOptions
 
@@ -40,12 +41,17 @@ class DensifyOptions:
     matched: float = parameter(0.8, "Share of that window that must be matched", high=1)
     step: float = parameter(0.04, "Relative change of depth that is a step")
     confirmed: int = parameter(3, "Number of photos that must see a point", low=1)
+    reduced_window: int = parameter(3, "Such half width in photos that are reduced since fine textures alias", "px")
+    reduced_matched: float = parameter(0.5, "Share of that window that must be matched", high=1)
+    reduced_step: float = parameter(0.08, "Relative change of depth that is a step there")
 
     stereo: StereoOptions = StereoOptions()
+    coarse: CoarseStereoOptions = CoarseStereoOptions()
 
 
 def densify_points(
     scene: Scene,
+    clicks: Mapping[int, NDArray[np.floating]],
     leafy: Callable[[int], NDArray[np.bool_]],
     threads: int,
     check: Callable[[], None],
@@ -53,8 +59,11 @@ def densify_points(
 ) -> Scene:
     """Return the scene with points, and tracks through the photos that confirm them, where it has none.
 
+    Where the building was clicked on texture that no two photos agree about, reduced photos are matched, too.
+
     Args:
         scene: normalised frame.
+        clicks: on the building, px [N, 2], by view index.
         leafy: view -> bool [h, w] of any size: leaves and grass, which are never flat nor the building.
         threads: photos that are worked on at a time.
         check: called between photos; may raise to cancel.
@@ -66,6 +75,39 @@ def densify_points(
     views = range(len(scene.views))
     matching = Matching(options.neighbours, options.longest_side, options.stereo)
     depths = match_photos(scene, views, np.ones(len(scene.points), bool), None, matching, threads, check)
+    full = _with_points(scene, depths, leafy, check, options)
+    if _aliased_clicks(scene, depths, clicks, options.coarse) < options.coarse.least_clicks:
+        return full
+    known = np.ones(len(full.points), bool)
+    depths = match_reduced(full, views, known, None, matching, options.coarse, threads, check)
+    options = replace(
+        options, window=options.reduced_window, matched=options.reduced_matched, step=options.reduced_step
+    )
+    return _with_points(full, depths, leafy, check, options)
+
+
+def _aliased_clicks(
+    scene: Scene, depths: Depths, clicks: Mapping[int, NDArray[np.floating]], o: CoarseStereoOptions
+) -> float:
+    """Return the share of the clicks that lie on texture which no two photos agree about; 0 without clicks."""
+    found = [np.zeros(0, bool)]
+    for index, places in clicks.items():
+        view = scene.views[index]
+        if len(places):
+            found.append(on_aliased_texture(depths, index, places / (view.width, view.height), o))
+    aliased = np.concatenate(found)
+    return float(aliased.mean()) if len(aliased) else 0.0
+
+
+def _with_points(
+    scene: Scene,
+    depths: Depths,
+    leafy: Callable[[int], NDArray[np.bool_]],
+    check: Callable[[], None],
+    options: DensifyOptions,
+) -> Scene:
+    """Return the scene with points of depth maps where it has none, see :func:`densify_points`."""
+    views = range(len(scene.views))
     bare = {
         i: ~_around(scene, i, depths, options) & ~_beside(leafy(i), depths.photos[i].grey.shape, options) for i in views
     }

@@ -19,6 +19,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.geometry.boxes import pad_box, percentile_box
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
+from mgf_engine.scene.neighbours import matching_views
 
 _FEWEST = 8  # sparse points that bound the box in which the hull is looked for
 
@@ -29,6 +30,11 @@ class MaskHullOptions:
 
     least_points: int = parameter(
         100, "Number of sparse points on the building below which cells of the hull stand in for them"
+    )
+    least_matched: float = parameter(
+        0.33,
+        "Share of the photos that must share sparse points on the building with another, or cells stand in",
+        high=1,
     )
     cells: int = parameter(48, "Number of cells along the longest side of the hull's box", low=4)
     rounds: int = parameter(3, "Number of times that the hull is carved, each time in the box of the one before", low=1)
@@ -88,7 +94,9 @@ def with_hull_points(
         BadInput: few points, and masks that have no place in common.
     """
     if np.count_nonzero(masks.point_mask) >= options.least_points:
-        return scene, masks.point_mask
+        matched = matching_views(scene, masks.point_mask, views, 1).values()
+        if sum(len(near) > 0 for near in matched) >= options.least_matched * len(views):
+            return scene, masks.point_mask
     cells, size = hull_cells(scene, masks, views, options)
     cells = cells[_surface(cells, size)]
     tracks = [_inside(cells, scene, masks, i) for i in views]

@@ -103,7 +103,12 @@ class _Propagator:
             self.regions.append(regions)
             self.reporter.progress(0.25 * (index + 1) / len(self.views))
         self.full = densify_points(
-            self.scene, self._leafy, self.threads, self.reporter.check, self.config.algorithm(DensifyOptions)
+            self.scene,
+            {i: self._positive(i) for i in self.prompts},
+            self._leafy,
+            self.threads,
+            self.reporter.check,
+            self.config.algorithm(DensifyOptions),
         )
         self.reporter.progress(0.4)
         up = find_up(self.scene, (), self.threads, self.config.algorithm(GravityOptions)).vector

@@ -36,7 +36,7 @@ def half(tmp_path: Path) -> Scene:
 
 
 def test_bare_half_of_a_wall_gets_points_on_the_wall(half: Scene) -> None:
-    full = densify_points(half, nowhere, 1, go_on)
+    full = densify_points(half, {}, nowhere, 1, go_on)
     count = len(half.points)
     new = full.points[count:]
     assert len(new) > 50
@@ -48,7 +48,7 @@ def test_bare_half_of_a_wall_gets_points_on_the_wall(half: Scene) -> None:
 
 
 def test_tracks_go_through_photos_that_show_the_point(half: Scene) -> None:
-    full = densify_points(half, nowhere, 2, go_on)
+    full = densify_points(half, {}, nowhere, 2, go_on)
     count = len(half.points)
     assert np.diff(full.track_start)[count:].min() >= DensifyOptions().confirmed
     for row in range(len(half.track_view), len(full.track_view)):
@@ -59,13 +59,13 @@ def test_tracks_go_through_photos_that_show_the_point(half: Scene) -> None:
 
 
 def test_no_points_among_leaves(half: Scene) -> None:
-    everywhere = densify_points(half, lambda i: np.ones((100, 100), bool), 1, go_on)
+    everywhere = densify_points(half, {}, lambda i: np.ones((100, 100), bool), 1, go_on)
     assert len(everywhere.points) == len(half.points)
 
 
 def test_photos_that_do_not_match_give_no_points(tmp_path: Path) -> None:
     scene, _ = make_wall(tmp_path, [[0, 0, -3.0], [0.01, 0, -3.0]])
-    assert densify_points(scene, nowhere, 1, go_on) is scene
+    assert densify_points(scene, {}, nowhere, 1, go_on) is scene
 
 
 def test_it_can_be_cancelled(half: Scene) -> None:
@@ -73,7 +73,7 @@ def test_it_can_be_cancelled(half: Scene) -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        densify_points(half, nowhere, 1, stop)
+        densify_points(half, {}, nowhere, 1, stop)
 
 
 def test_a_clicked_roof_without_points_is_in_the_masks(

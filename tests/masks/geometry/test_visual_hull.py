@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
-from mgf_engine.masks.geometry.visual_hull import hull_agreement
+from mgf_engine.masks.geometry.visual_hull import hull_agreement, with_hull_points
 from mgf_engine.masks.validation.mask_flags import flag_by_masks
+from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.scene import Scene
 
 
 @pytest.fixture(scope="module")
@@ -42,3 +44,28 @@ def test_without_points_only_a_contradiction_leaves_a_mask_out(plain: PlainHouse
     assert found[1] == "" and found[2] == weak
     assert found[3].startswith("the other photos' masks agree with it only to")
     assert not any(found[4:])
+
+
+def with_points(plain: PlainHouse, together: int) -> tuple[Scene, MaskSet]:
+    """The house with 160 sparse points on it; as many neighbouring photos see each."""
+    count, views = 160, len(plain.scene.views)
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-2, -1.5, 0], [2, 1.5, 2], (count, 3))
+    view = (np.arange(count)[:, None] + np.arange(together)) % views
+    uv = np.array(
+        [plain.scene.views[v].project(p[None])[0][0] for p, row in zip(points, view, strict=True) for v in row]
+    )
+    scene = replace(
+        plain.scene, points=points, colors=np.zeros((count, 3), np.uint8), errors=np.zeros(count, np.float32),
+        track_start=np.arange(count + 1) * together, track_view=view.ravel().astype(np.int32),
+        track_uv=uv.astype(np.float32),
+    )  # fmt: skip
+    return scene, replace(plain.masks, point_mask=np.ones(count, bool))
+
+
+def test_the_hull_stands_in_for_many_points_that_hardly_two_photos_share(plain: PlainHouse) -> None:
+    scene, masks = with_points(plain, together=2)  # ten for each pair of neighbours
+    hull, kept = with_hull_points(scene, masks, range(16))
+    assert len(hull.points) == len(kept) != 160 and kept.all()
+    scene, masks = with_points(plain, together=6)  # fifty
+    assert with_hull_points(scene, masks, range(16))[0] is scene

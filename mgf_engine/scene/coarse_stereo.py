@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Match reduced photos where fine textures alias (moiré).
+
+Where a texture is finer than pixels, each photo samples another pattern of it: there is much contrast, and no two
+photos agree. What the pattern hides is there in reduced photos: edges, shadows and colours of whole surfaces. Patches
+of many photos are compared, since what is left of the pattern differs in each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.model.scene import Scene
+from mgf_engine.scene.depths import Depths, Matching, match_photos
+from mgf_engine.scene.patch_match import PatchMatchOptions, improve_depths
+
+
+@dataclass(frozen=True)
+class CoarseStereoOptions:
+    """When photos are reduced before they are matched, and how they are matched then."""
+
+    texture: float = parameter(
+        0.6, "Minimum gradient of brightness (0 to 100) per px in its weakest direction within 7 x 7 px"
+    )
+    least_confirmed: float = parameter(
+        0.2, "Share of the textured pixels about which two photos agree below which photos are reduced", high=1
+    )
+    neighbourhood: int = parameter(9, "Side of the square around a click in which its texture is judged", "px", low=1)
+    textured: float = parameter(0.5, "Minimum share of textured pixels there", high=1)
+    confirmed: float = parameter(
+        0.3, "Share of pixels there about which two photos agree from which all is well", high=1
+    )
+    least_clicks: float = parameter(
+        0.75, "Share of the clicks on texture without agreement from which reduced photos are matched for the masks",
+        low=0.01, high=1,
+    )  # fmt: skip
+    longest_side: int = parameter(750, "Longest side of a photo before it is reduced", "px", low=48)
+    factor: float = parameter(3.0, "Factor by which photos are reduced", low=1)
+    blur: float = parameter(1.0, "Standard deviation by which reduced photos are blurred", "px")
+    window: int = parameter(4, "Half width of the window of semi-global matching", "px", low=0, high=10)
+    neighbours: int = parameter(8, "Number of photos that each photo is compared with by PatchMatch", low=1, high=8)
+    best: int = parameter(4, "Number of them, the most alike ones, that judge a plane", low=1, high=4)
+    rounds: int = parameter(4, "Number of rounds of PatchMatch", low=1)
+    deviation: float = parameter(0.5, "Minimum standard deviation of a patch's brightness", "grey levels")
+    score: float = parameter(0.4, "Minimum correlation of a depth", high=1)
+
+
+def texture_strength(light: NDArray[Any]) -> NDArray[np.float32]:
+    """Compute the root mean square of the gradient within 7 x 7 px in its weakest direction, per px, [H, W].
+
+    The smaller eigenvalue of the structure tensor (Shi and Tomasi 1994): a straight edge matches anywhere along itself,
+    and lines have points of their own.
+    """
+    # OpenCV's tensor is of Sobel differences over a length of two pixels.
+    least = np.maximum(cv2.cornerMinEigenVal(light, 7, ksize=3), 0)
+    return np.asarray(np.sqrt(least) / 2, np.float32)
+
+
+def _textured(depths: Depths, index: int, o: CoarseStereoOptions) -> NDArray[np.bool_]:
+    """Tell which pixels of a photo have texture, bool [h, w]."""
+    photo = depths.photos[index]
+    return np.asarray(photo.inside & (texture_strength(photo.grey.astype(np.float32) / 2.55) > o.texture), bool)
+
+
+def confirmed_texture(depths: Depths, o: CoarseStereoOptions) -> float:
+    """Compute the share of the textured pixels of all depth maps that a neighbour confirms; 1 without any."""
+    total = confirmed = 0
+    for index in depths.maps:
+        textured = _textured(depths, index, o)
+        total += int(textured.sum())
+        confirmed += len(depths.points(index, textured)[0])
+    return confirmed / total if total else 1.0
+
+
+def on_aliased_texture(
+    depths: Depths, index: int, places: NDArray[np.floating], o: CoarseStereoOptions
+) -> NDArray[np.bool_]:
+    """Tell which places of a photo have texture around them that no neighbour confirms.
+
+    Args:
+        depths: depth maps of the photos.
+        index: the photo.
+        places: x, y as shares of its sides, [N, 2].
+        o: what counts as texture, and how much of it must be confirmed.
+
+    Returns:
+        bool [N].
+    """
+    textured = _textured(depths, index, o)
+    agreed = np.zeros(textured.shape, np.float32)
+    if index in depths.maps:
+        agreed[tuple(depths.points(index, np.ones_like(textured))[0].T)] = 1
+    around = (o.neighbourhood, o.neighbourhood)
+    aliased = (cv2.blur(textured.astype(np.float32), around) > o.textured) & (cv2.blur(agreed, around) < o.confirmed)
+    height, width = textured.shape
+    column, row = np.clip((places * (width, height)).astype(int), 0, (width - 1, height - 1)).T
+    return np.asarray(aliased[row, column], bool)
+
+
+def match_reduced(
+    scene: Scene,
+    views: Sequence[int],
+    kept: NDArray[np.bool_],
+    inside: Callable[[int], NDArray[np.bool_]] | None,
+    matching: Matching,
+    o: CoarseStereoOptions,
+    threads: int,
+    check: Callable[[], None],
+) -> Depths:
+    """Compute the depth maps of reduced photos, as :func:`match_photos` and then by PatchMatch.
+
+    Args:
+        scene: photos, cameras and sparse points.
+        views: indices of the views.
+        kept: [P], sparse points that tell which views are neighbours and how far away things are.
+        inside: view -> bool [H, W], the pixels that are wanted; None for all.
+        matching: as photos are matched that are not reduced.
+        o: how far photos are reduced, and what counts.
+        threads: number of worker threads.
+        check: called between photos; may raise to cancel.
+    """
+    largest = max(max(scene.views[i].width, scene.views[i].height) for i in views)
+    stereo = replace(matching.stereo, window=o.window)
+    reduced = replace(matching, longest_side=round(min(o.longest_side, largest) / o.factor), stereo=stereo, blur=o.blur)
+    depths = match_photos(scene, views, kept, inside, reduced, threads, check)
+    search = PatchMatchOptions(
+        neighbours=o.neighbours, best=o.best, rounds=o.rounds, texture=o.deviation, sure_score=o.score,
+        agreed_score=min(o.score, PatchMatchOptions.agreed_score),
+    )  # fmt: skip
+    return improve_depths(depths, scene, kept, stereo.neighbours, search, check)
