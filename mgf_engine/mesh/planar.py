@@ -46,12 +46,12 @@ def flatten_planes(
     if len(planes.normals) == 0:
         return mesh, None
     near = near_planes(mesh, size, planes, o.band, o.rings)
-    label = _sides(mesh, faces, planes, near.vertex, near.plane, o)
+    label = _label_creases(mesh, faces, planes, near.vertex, near.plane, o)
     moved = mesh.vertices + _moves(mesh, size, planes, label, near.vertex, o)
     return replace(mesh, vertices=_unturned(mesh, moved, planes, label)), planes
 
 
-def _sides(
+def _label_creases(
     mesh: Mesh,
     faces: MeshFaces,
     planes: Planes,

@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import edges, face_areas
+from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.mesh.divide import divide_long_edges
 from mgf_engine.mesh.planar_options import PlanarOptions
@@ -75,7 +76,7 @@ class Plane(NamedTuple):
 def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], o: PlanarOptions) -> MeshFaces:
     """Measure centres, smoothed normals, sizes of a ground pixel, areas and neighbours of faces."""
     at = np.ascontiguousarray(mesh.vertices)
-    normal = _unit(mesh.adjacency.vertex_normals(at))
+    normal = unit_vectors(mesh.adjacency.vertex_normals(at))
     for _ in range(o.normal_rounds):
         normal = mesh.adjacency.smooth(normal, np.zeros(len(at), bool))
     key, face = edges(mesh.faces)
@@ -84,11 +85,7 @@ def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], o: PlanarOptions) -> M
     pairs = np.stack([face[order[same]], face[order[same + 1]]])
     size = pixel[mesh.faces].mean(1)
     area = face_areas(mesh) / size**2
-    return MeshFaces(mesh, at[mesh.faces].mean(1), _unit(normal[mesh.faces].sum(1)), size, area, pairs)
-
-
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300))
+    return MeshFaces(mesh, at[mesh.faces].mean(1), unit_vectors(normal[mesh.faces].sum(1)), size, area, pairs)
 
 
 def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> Planes:
@@ -101,7 +98,7 @@ def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> P
     fine = Mesh(vertices, parts, np.zeros((len(vertices), 3), np.uint8))
     faces = measure_faces(fine, np.full(len(vertices), pixel), o)
     large = (face_areas(mesh) / (o.seed_area * pixel**2))[origin, None]
-    planes = find_planes(replace(faces, normal=_unit(faces.normal + large * face_normals(mesh)[origin])), o)
+    planes = find_planes(replace(faces, normal=unit_vectors(faces.normal + large * face_normals(mesh)[origin])), o)
     label = np.full(len(mesh.faces), -1, np.int32)
     label[origin] = planes.label  # of its last part; parts of one face lie in one plane
     return replace(planes, label=label)

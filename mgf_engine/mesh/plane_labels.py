@@ -32,12 +32,12 @@ class PlaneLabelOptions:
 
     reach: float = parameter(6.0, "Maximum distance of a vertex from its plane", "ground px")
     rings: int = parameter(20, "Maximum number of edges between a vertex and the faces that the plane was found on")
-    near: float = parameter(1.0, "Distance up to which photos are not asked", "ground px")
-    none: float = parameter(0.1, "Cost of a vertex without plane")
-    distance: float = parameter(0.1, "Cost of the maximum distance from the plane")
-    small: float = parameter(0.1, "Cost of a plane that is small or noisy")
-    area: float = parameter(4000.0, "Area below which a plane is small", "ground px²")
-    noise: float = parameter(0.5, "Standard deviation from which a plane is noisy", "ground px", low=1e-3)
+    trusted_distance: float = parameter(1.0, "Distance up to which photos are not asked", "ground px")
+    no_plane_cost: float = parameter(0.1, "Cost of a vertex without plane")
+    distance_cost: float = parameter(0.1, "Cost of the maximum distance from the plane")
+    small_plane_cost: float = parameter(0.1, "Cost of a plane that is small or noisy")
+    small_area: float = parameter(4000.0, "Area below which a plane is small", "ground px²")
+    large_noise: float = parameter(0.5, "Standard deviation from which a plane is noisy", "ground px", low=1e-3)
     contrast: float = parameter(8.0, "Standard deviation of a patch that makes the photos sure", "grey levels", low=0.1)
     margin: float = parameter(
         0.3, "Correlation by which the plane must be better where the photos are sure, beyond creases", high=1
@@ -46,12 +46,12 @@ class PlaneLabelOptions:
     crease_reach: float = parameter(
         3.0, "Distance from both planes up to which a vertex is at their crease", "ground px"
     )
-    beyond: float = parameter(1.0, "Cost of each ground pixel beyond the crease with another plane")
+    beyond_cost: float = parameter(1.0, "Cost of each ground pixel beyond the crease with another plane")
     beyond_noise: float = parameter(0.5, "Distance beyond a crease that costs nothing", "ground px")
     side_reach: float = parameter(30.0, "Distance from a plane up to which it is asked on which side another lies",
                                   "ground px")  # fmt: skip
     side: float = parameter(0.9, "Minimum share of such vertices on one side", high=1)
-    step: float = parameter(0.2, "Cost of an edge whose ends have different labels, a step apart")
+    step_cost: float = parameter(0.2, "Cost of an edge whose ends have different labels, a step apart")
     full_step: float = parameter(2.0, "Distance between the places of two labels that costs a full step", "ground px")
     facing: float = parameter(-0.2, "Minimum cosine between a vertex's normal and the plane's", low=-1.0, high=1)
     rounds: int = parameter(10, "Number of rounds of iterated conditional modes")
@@ -89,7 +89,7 @@ def label_vertices(
     candidates = _candidates(mesh, pixel, planes, o)
     area = np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
     cost = np.minimum(area, 9.0)[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, o)
-    return _choose(mesh, pixel, planes, candidates.near, cost, np.minimum(area, 9.0) * o.none, o)
+    return _choose(mesh, pixel, planes, candidates.near, cost, np.minimum(area, 9.0) * o.no_plane_cost, o)
 
 
 def _candidates(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> _Candidates:
@@ -110,12 +110,14 @@ def _plane_costs(
     found = planes.label >= 0
     size = face_areas(mesh)[found] / pixel[mesh.faces[found]].mean(1) ** 2
     areas = np.bincount(planes.label[found], size, len(planes.normals))
-    poor = np.clip(np.maximum(o.area / np.maximum(areas, 1e-12), planes.noise / o.noise), 0, 1)
+    poor = np.clip(np.maximum(o.small_area / np.maximum(areas, 1e-12), planes.noise / o.large_noise), 0, 1)
     beyond = _beyond_creases(mesh, pixel, planes, candidates, 1 - poor, o)
     return (
         _photo_costs(mesh, pixel, planes, photos, candidates, o)
-        + o.distance * candidates.off / max(o.reach, 1e-12) + o.small * poor[near.plane] + o.beyond * beyond
-    )  # fmt: skip
+        + o.distance_cost * candidates.off / max(o.reach, 1e-12)
+        + o.small_plane_cost * poor[near.plane]
+        + o.beyond_cost * beyond
+    )
 
 
 def _photo_costs(
@@ -123,14 +125,14 @@ def _photo_costs(
 ) -> Array:
     """Return by how much less the photos look alike in the plane than at the vertex, where they have contrast, [K]."""
     cost = np.zeros(len(candidates.off))
-    asked = np.flatnonzero(candidates.off > o.near)
+    asked = np.flatnonzero(candidates.off > o.trusted_distance)
     vertex, plane = candidates.near.vertex[asked], candidates.near.plane[asked]
     own, index = np.unique(vertex, return_inverse=True)
     here, contrast = compare_patches(photos, own, mesh.vertices[own], candidates.normals[own], pixel[own])
     there, other = compare_patches(photos, vertex, candidates.place[asked], planes.normals[plane], pixel[vertex])
     sure = np.minimum(np.maximum(contrast[index], other) / o.contrast, 1)
     margin = np.where(_at_creases(planes, candidates, o)[vertex], 0.0, o.margin) * np.clip(
-        candidates.off[asked] - o.near, 0, 1
+        candidates.off[asked] - o.trusted_distance, 0, 1
     )
     cost[asked] = sure * (here[index] - there + margin)
     return cost
@@ -155,7 +157,7 @@ def _beyond_creases(
 
     Worn edges have small planes of their own: each counts by its ``weight`` [P].
     """
-    near, side = candidates.near, _sides(mesh, pixel, planes, o)
+    near, side = candidates.near, _crease_signs(mesh, pixel, planes, o)
     result = np.zeros(len(candidates.off))
     if not len(result):
         return result
@@ -171,7 +173,7 @@ def _beyond_creases(
     return result
 
 
-def _sides(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> Array:
+def _crease_signs(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> Array:
     """Return for each two planes -1 where their crease is convex, 1 where it is concave, 0 where neither, [P, P]."""
     count = len(planes.normals)
     own = [np.unique(mesh.faces[planes.label == number]) for number in range(count)]
@@ -239,7 +241,7 @@ def _steps(
     for at in (vertex[row], other):
         apart = _places(mesh, planes, at, plane[row]) - _places(mesh, planes, at, label[other])
         step = np.maximum(step, np.linalg.norm(apart, axis=1) / pixel[at])
-    sums = np.bincount(row, o.step * np.minimum(step / max(o.full_step, 1e-12), 1), len(vertex))
+    sums = np.bincount(row, o.step_cost * np.minimum(step / max(o.full_step, 1e-12), 1), len(vertex))
     return np.asarray(sums, np.float64)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
 
@@ -82,7 +83,7 @@ def find_up(
     """
     told = [view.rotation.T @ np.array(up) for view, up in zip(scene.views, tags, strict=False) if up is not None]
     if len(told) >= max(3, len(scene.views) // 4):
-        rough = UpDirection(_unit(np.median(told, axis=0)), np.radians(options.tag_sd), "tags")
+        rough = UpDirection(unit_vectors(np.median(told, axis=0)), np.radians(options.tag_sd), "tags")
     else:
         rough = UpDirection(up_from_cameras(scene, options), np.radians(options.level_sd), "cameras")
     return up_from_edges(scene, rough.vector, threads, options) or rough
@@ -215,7 +216,3 @@ def common_direction(normals: Array, weights: Array, rough: Array, options: Grav
         _, vectors = np.linalg.eigh((normals * share[:, None]).T @ normals)
         best = vectors[:, 0] * np.sign(vectors[:, 0] @ best)
     return np.asarray(best)
-
-
-def _unit(vector: Array) -> Array:
-    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))

@@ -156,7 +156,7 @@ def test_faces_slide_instead_of_staying_folded():
 
 
 def test_nothing_moves_where_nothing_is_near_a_plane():
-    far = PlaneExtensionOptions(labels=PlaneLabelOptions(none=0.0))
+    far = PlaneExtensionOptions(labels=PlaneLabelOptions(no_plane_cost=0.0))
     flat, result = extended(dented(3.0), cameras(), plain, far)
     assert deepest(result) == deepest(flat)
 
@@ -219,7 +219,7 @@ def test_labels_of_least_cost_agree_with_trying_all():
     order = np.lexsort((planes_of, vertex))
     near = type(near)(vertex[order], planes_of[order])
     start, neighbour = neighbours(mesh)
-    o = PlaneLabelOptions(step=0.3, full_step=1.0, rounds=30)
+    o = PlaneLabelOptions(step_cost=0.3, full_step=1.0, rounds=30)
     heights = np.array([0.5, -0.5, 0.0])  # the last is of label -1
     for seed in range(5):
         random = np.random.default_rng(seed)
