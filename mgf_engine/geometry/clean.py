@@ -64,13 +64,17 @@ def parts(mesh: Mesh) -> NDArray[np.int32]:
     return mesh.adjacency.parts()
 
 
-def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
-    """Keep the parts whose area is at least ``share`` of the largest part's."""
-    if len(mesh.faces) == 0:
-        return mesh
+def large_parts(mesh: Mesh, share: float) -> NDArray[np.bool_]:
+    """Find the faces of parts whose area is at least ``share`` of the largest part's, bool [F]."""
     label = parts(mesh)
     area = np.bincount(label, weights=face_areas(mesh))
-    return with_faces(mesh, mesh.faces[(area >= share * area.max())[label]])
+    large: NDArray[np.bool_] = area >= share * area.max(initial=0.0)
+    return large[label]
+
+
+def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
+    """Keep the parts whose area is at least ``share`` of the largest part's."""
+    return with_faces(mesh, mesh.faces[large_parts(mesh, share)])
 
 
 def seen_parts(mesh: Mesh, seen: NDArray[np.integer], share: float) -> NDArray[np.bool_]:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of the mesh that stand apart from all that was clicked: a neighbour, or a wall of it, that the masks let in.
+"""Separate parts of the mesh: which belong to the building.
 
-Sparse points on plain walls lie too far from each other to tell where a building ends; the mesh tells.
+Sparse points on plain walls lie too far from each other to tell where a building ends; the mesh tells: a neighbour, or
+a wall of it, that the masks let in stands apart from all that was clicked. Seen from the street a chimney stands apart
+as well, for no photo shows the roof: photos that agree on it tell it from shreds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.geometry.clean import parts
+from mgf_engine.geometry.clean import face_areas, large_parts, parts
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.mesh import Mesh
@@ -29,6 +31,36 @@ class ComponentFilterOptions:
     near: float = parameter(
         0.1, "Distance between parts that belong together, as a share of the diagonal of the clicked part", high=1
     )
+    confirmed: float = parameter(
+        0.001, "Minimum size of a separate part that photos confirm, as a share of the area of the largest part", high=1
+    )
+    confidence: float = parameter(0.45, "Mean confidence from which photos confirm a separate part", high=1)
+
+
+def confirmed_parts(
+    mesh: Mesh,
+    asked: NDArray[np.bool_],
+    confidence: Callable[[NDArray[np.float64]], NDArray[np.floating]],
+    options: ComponentFilterOptions = ComponentFilterOptions(),
+) -> NDArray[np.bool_]:
+    """Find the faces of parts that photos confirm, bool [F].
+
+    Args:
+        mesh: of any frame.
+        asked: faces of the parts in question, bool [F].
+        confidence: of points [N, 3], 0..1, [N].
+        options: minimum size and confidence.
+    """
+    rows = np.flatnonzero(asked & large_parts(mesh, options.confirmed))
+    result = np.zeros(len(mesh.faces), bool)
+    if not len(rows):
+        return result
+    label, area = parts(mesh)[rows], face_areas(mesh)[rows]
+    vertex, corner = np.unique(mesh.faces[rows], return_inverse=True)
+    trust = confidence(mesh.vertices[vertex])[corner.reshape(-1, 3)].mean(1)
+    mean = np.bincount(label, area * trust) / np.maximum(np.bincount(label, area), 1e-300)
+    result[rows] = (mean >= options.confidence)[label]
+    return result
 
 
 def faces_near_clicks(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
+from mgf_engine.mesh.component_filter import confirmed_parts
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import fill_holes
@@ -139,20 +140,35 @@ def clean_level_set(
             confirmed = mesh.values["confidence"] >= options.fill.unconfirmed
             mesh = drop_unobserved(mesh, confirmed, ground_pixels(mesh, views), free, options.volumes)
         mesh = replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
-    mesh = clean.split_nonmanifold(clean.drop_small_parts(mesh, options.min_component))
+    large = clean.large_parts(mesh, options.min_component)
+    mesh = clean.with_faces(mesh, mesh.faces[large | _confirmed(mesh, ~large, field, options)])
+    mesh = clean.split_nonmanifold(mesh)
     counts = count_pixels(mesh, views, labels)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)
     seen = np.ones(len(mesh.faces), bool)
+    small = np.zeros(len(mesh.vertices), bool)
     if options.drop_unseen:
         seen = clean.seen_parts(mesh, counts.front + counts.back, options.min_component)
+        confirmed = _confirmed(mesh, ~seen, field, options)
+        seen |= confirmed
+        small[mesh.faces[confirmed]] = True
     if labels is None:
         mesh = clean.with_faces(mesh, mesh.faces[seen])
     else:
-        mesh = cut_background(mesh, views, labels, counts, seen, options.votes)
-        mesh = clean.drop_small_parts(mesh, options.min_component)
-        mesh = clean.split_nonmanifold(mesh)
+        mesh = cut_background(replace(mesh, values={"small": small}), views, labels, counts, seen, options.votes)
+        stays = clean.large_parts(mesh, options.min_component) | mesh.values["small"][mesh.faces].all(1)
+        mesh = clean.split_nonmanifold(clean.with_faces(replace(mesh, values={}), mesh.faces[stays]))
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
     if options.fill_holes:
         mesh = fill_holes(mesh, options.small_hole * ground_pixels(mesh, views), free)
     return clean.smooth(mesh, options.smoothing)
+
+
+def _confirmed(
+    mesh: Mesh, asked: NDArray[np.bool_], field: OpacityField | TsdfField, options: ExtractionOptions
+) -> NDArray[np.bool_]:
+    """Find the faces, of those asked for, in parts that photos confirm, bool [F]; none where photos are not asked."""
+    if not options.drop_unseen or "confidence" not in field.known(mesh.vertices[:1]):
+        return np.zeros(len(mesh.faces), bool)
+    return confirmed_parts(mesh, asked, lambda points: field.known(points)["confidence"], options.components)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from support.analytic import camera, cuboid
 
-from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
+from mgf_engine.geometry.clean import face_areas
+from mgf_engine.mesh.component_filter import ComponentFilterOptions, confirmed_parts, faces_near_clicks
 from mgf_engine.model.mesh import Mesh
 
 SIDE = 1.0
@@ -59,3 +60,33 @@ def test_everything_belongs_where_no_click_meets_the_mesh() -> None:
     mesh = row(0.0, 3.0)
     assert faces_near_clicks(mesh, VIEWS, [np.array([[0.5, 0.5]]), np.zeros((0, 2))]).all()
     assert faces_near_clicks(mesh, VIEWS, [np.zeros((0, 2))] * 2).all()
+
+
+def test_a_small_part_stays_where_photos_confirm_it_and_a_speck_does_not() -> None:
+    mesh = row(0.0, 3.0, 6.0, 9.0)
+    cube = np.arange(len(mesh.faces)) // (len(mesh.faces) // 4)
+    speck = np.isin(np.arange(len(mesh.vertices)), mesh.faces[cube == 3])
+    mesh.vertices[speck] = (mesh.vertices[speck] - [9.0, 0, 0]) * 0.01 + [9.0, 0, 0]
+    asked: list[np.ndarray] = []
+
+    def confidence(points: np.ndarray) -> np.ndarray:
+        asked.append(points)
+        return np.where(points[:, 0] > 5, 0.6, 0.3)
+
+    kept = confirmed_parts(mesh, cube > 0, confidence)
+    assert face_areas(mesh)[cube == 3].sum() < ComponentFilterOptions().confirmed * face_areas(mesh)[cube == 0].sum()
+    assert (kept == (cube == 2)).all()
+    assert np.concatenate(asked)[:, 0].min() > 2  # of large parts nothing is asked
+
+
+def test_confidence_is_the_mean_over_the_area_of_a_part() -> None:
+    mesh = row(0.0, 3.0)
+    asked = np.arange(len(mesh.faces)) >= len(mesh.faces) // 2
+    o = ComponentFilterOptions(confidence=0.5)
+
+    def right(above: float) -> bool:
+        return bool(confirmed_parts(mesh, asked, lambda at: np.where(at[:, 2] > 0, above, 0.4), o)[asked].all())
+
+    assert right(0.61)
+    assert not right(0.59)
+    assert not confirmed_parts(mesh, ~asked & asked, lambda at: np.ones(len(at)), o).any()
