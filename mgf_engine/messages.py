@@ -17,7 +17,8 @@ progress     ``stage``, ``fraction`` (0..1 of the stage), ``overall`` (0..1 of t
 preview      ``stage``, ``path`` (a picture worth showing now), ``title``
 warning      ``text`` (one sentence: cause and cure)
 result       ``path`` (job folder), ``files`` (name -> path), ``figures``, ``speed`` (time of this machine over that of
-             the one that estimates were fitted on, as far as its jobs have told; else null)
+             the one that estimates were fitted on, as far as its jobs have told; else null), ``suggested`` (names of
+             photos worth clicking; of a scene that was read without clicks or masks alone)
 failed       ``code`` (exit code), ``text`` (one sentence), ``log`` (path of the log, or null)
 ===========  ==========================================================================================
 """

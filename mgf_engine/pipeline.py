@@ -57,9 +57,19 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
             if name == "masks" and photos is not None:
                 photos = _update_estimate(job, photos, list(stages[place + 1 :]), reporter)
     speed = learn_from(job, photos) if photos is not None and to_run == list(STAGE_NAMES) else None
+    guide = {"suggested": suggested_photos(job)} if until == "scene" and lacks_clicks else {}
     reporter.send(
-        "result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"], speed=speed
-    )
+        "result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"], speed=speed,
+        **guide,
+    )  # fmt: skip
+
+
+def suggested_photos(job: Job) -> list[str]:
+    """Return the names of the photos of a read scene that are worth clicking: a fifth, all around."""
+    from mgf_engine.results import load_scene_of
+
+    scene = load_scene_of(job)
+    return [scene.views[i].name for i in scene.roots]
 
 
 def result_files(job: Job) -> dict[str, str]:

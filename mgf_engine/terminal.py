@@ -88,8 +88,14 @@ def _sentence(message: Message) -> str | None:
     if kind == "result":
         figures = ", ".join(f"{k} {v}" for k, v in message["figures"].items() if v is not None)
         files = "\n".join(f"  {name}: {path}" for name, path in message["files"].items())
-        return f"Done. {figures}\n{files}"
+        return "\n".join((f"Done. {figures}", files, *_suggestion(message)))
     return None
+
+
+def _suggestion(message: Message) -> list[str]:
+    """Say which photos to click next, where a scene was read without clicks or masks."""
+    names = message.get("suggested")
+    return [f"Click the building in some of these photos: {', '.join(names)}"] if names else []
 
 
 def _left(message: Message) -> str:

@@ -21,6 +21,7 @@ import trimesh
 from support.jobs import ENVIRONMENT, finish, start
 
 from benchmarks.synthetic.house import OFFSET, House, build_house, ring_view
+from mgf_engine.terminal import _sentence
 
 OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
 
@@ -172,6 +173,19 @@ def test_everything_promised_is_in_the_job_folder(finished) -> None:
     assert "random walker" in said and "mgf weights" in said and "\n" not in said
     assert messages[-1]["type"] == "result"
     assert not list(job.rglob(".part-*"))
+
+
+def test_a_scene_that_was_read_names_the_photos_to_click(house: House, tmp_path: Path) -> None:
+    """A fifth of them, and three at least; nobody needs that who has clicks."""
+    names = {p.name for p in (house.folder / "images").iterdir()}
+    for clicks, wanted in (((), True), (("--prompts", house.prompts), False)):
+        run = start("scene", house.folder, "--out", tmp_path / f"job{wanted}", "--resolution", "160", *clicks)
+        message = finish(run)[-1]
+        assert run.returncode == 0 and message["type"] == "result"
+        assert ("suggested" in message) == wanted
+        if wanted:
+            assert len(message["suggested"]) >= 3 and set(message["suggested"]) <= names
+            assert f"in some of these photos: {message['suggested'][0]}, " in _sentence(message)
 
 
 def test_messages_go_through_all_stages_and_never_backwards(finished) -> None:
