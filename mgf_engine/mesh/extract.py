@@ -18,7 +18,7 @@ from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.extend_planes import ON_PLANE, extend_planes
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.holes import cap_rims
-from mgf_engine.mesh.level_set import clean_level_set
+from mgf_engine.mesh.level_set_cleaning import clean_level_set
 from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions

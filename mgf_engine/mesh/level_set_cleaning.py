@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Clean the level set: what no photo shows goes, what masks call background goes, what is left is a manifold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.errors import BadInput
+from mgf_engine.geometry import clean
+from mgf_engine.mesh.component_filter import confirmed_parts
+from mgf_engine.mesh.decimate import ground_pixels
+from mgf_engine.mesh.face_visibility import count_pixels
+from mgf_engine.mesh.holes import fill_holes
+from mgf_engine.mesh.isosurface import FREE
+from mgf_engine.mesh.mask_votes import cut_background
+from mgf_engine.mesh.opacity import OpacityField
+from mgf_engine.mesh.options import ExtractionOptions
+from mgf_engine.mesh.planar_clustering import merge_flat
+from mgf_engine.mesh.trusted_views import TrustedViews
+from mgf_engine.mesh.tsdf import TsdfField
+from mgf_engine.mesh.unobserved_volumes import drop_unobserved
+from mgf_engine.model.mesh import Mesh
+
+#: Name of the vertices' values, bool [N]: those of small parts that photos confirm.
+_CONFIRMED = "confirmed"
+
+
+def clean_level_set(
+    mesh: Mesh,
+    field: OpacityField | TsdfField,
+    trusted: TrustedViews,
+    options: ExtractionOptions,
+) -> Mesh:
+    """Clean the level set: remove false parts, orient it outward, close small holes, smooth it.
+
+    Args:
+        mesh: the level set.
+        field: that it was extracted from.
+        trusted: photos and masks.
+        options: which steps to take, and how.
+
+    Raises:
+        BadInput: nothing is left.
+    """
+    mesh = clean.weld(clean.with_faces(mesh, mesh.faces))
+    if options.merge_flat:
+        mesh = merge_flat(mesh, trusted.views, options.clustering)
+    if options.drop_unseen:
+        mesh = _drop_unseen(mesh, field, trusted, options)
+    large = clean.large_parts(mesh, options.min_component)
+    mesh = clean.with_faces(mesh, mesh.faces[large | _confirmed(mesh, ~large, field, options)])
+    mesh = _cut_background(clean.split_nonmanifold(mesh), field, trusted, options)
+    if len(mesh.faces) == 0:
+        raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
+    if options.fill_holes:
+        size = ground_pixels(mesh, trusted.views)
+        mesh = fill_holes(mesh, options.small_hole * size, lambda points: field.classify(points) == FREE)
+    return clean.smooth(mesh, options.smoothing)
+
+
+def _drop_unseen(
+    mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
+) -> Mesh:
+    """Remove volumes and large patches that no photo shows."""
+    mesh = replace(mesh, values=field.known(mesh.vertices))
+    if "confidence" in mesh.values:
+        confirmed = mesh.values["confidence"] >= options.fill.unconfirmed
+        size = ground_pixels(mesh, trusted.views)
+        free = lambda points: field.classify(points) == FREE  # noqa: E731
+        mesh = drop_unobserved(mesh, confirmed, size, free, options.volumes)
+    return replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
+
+
+def _cut_background(
+    mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
+) -> Mesh:
+    """Orient the mesh outward, and remove the parts that are hardly seen and the faces that lie on background.
+
+    Small parts that photos confirm stay, also where the cut leaves less of them; small remains of others do not.
+    """
+    labels = trusted.labels if options.use_masks and options.face_votes else None
+    counts = count_pixels(mesh, trusted.views, labels)
+    mesh = clean.orient_outward(mesh, counts.front, counts.back)
+    seen, small = np.ones(len(mesh.faces), bool), np.zeros(len(mesh.vertices), bool)
+    if options.drop_unseen:
+        seen = clean.seen_parts(mesh, counts.front + counts.back, options.min_component)
+        confirmed = _confirmed(mesh, ~seen, field, options)
+        seen |= confirmed
+        small[mesh.faces[confirmed]] = True
+    if labels is None:
+        return clean.with_faces(mesh, mesh.faces[seen])
+    marked = replace(mesh, values={_CONFIRMED: small})
+    cut = cut_background(marked, trusted.views, labels, counts, seen, options.votes)
+    stays = clean.large_parts(cut, options.min_component) | cut.values[_CONFIRMED][cut.faces].all(1)
+    return clean.split_nonmanifold(clean.with_faces(replace(cut, values={}), cut.faces[stays]))
+
+
+def _confirmed(
+    mesh: Mesh, asked: NDArray[np.bool_], field: OpacityField | TsdfField, options: ExtractionOptions
+) -> NDArray[np.bool_]:
+    """Find the faces, of those asked for, in parts that photos confirm, bool [F]; none where photos are not asked."""
+    if not options.drop_unseen or "confidence" not in field.known(mesh.vertices[:1]):
+        return np.zeros(len(mesh.faces), bool)
+    return confirmed_parts(mesh, asked, lambda points: field.known(points)["confidence"], options.components)
