@@ -128,12 +128,8 @@ def _merged(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray
 
 def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
     """Return which vertices an edge joins: 1 or 0, [N, N]."""
-    count = len(mesh.vertices)
-    first, second = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    joined = sparse.coo_matrix((np.ones(len(first)), (first, second)), (count, count)).tocsr()
-    joined = joined + joined.T
-    joined.data[:] = 1.0
-    return joined
+    start, neighbour = mesh.adjacency.neighbours()
+    return sparse.csr_matrix((np.ones(len(neighbour)), neighbour, start), (len(mesh.vertices),) * 2)
 
 
 def _of_patches(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import distinct
 
 Index = NDArray[np.int64]
 
@@ -44,35 +45,21 @@ def near_planes(mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, reach: f
     """
     count = len(planes.normals)
     labelled = np.flatnonzero(planes.label >= 0)
-    keys = _distinct((mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None]).ravel())
-    start, neighbour = neighbours(mesh)
+    keys = distinct((mesh.faces[labelled].astype(np.int64) * count + planes.label[labelled, None]).ravel())
+    start, neighbour = mesh.adjacency.neighbours()
     added = keys
     for _ in range(rings):
         vertex, plane = np.divmod(added, count)
         times = start[vertex + 1] - start[vertex]
         new, of = neighbour[listed(start[vertex], times)], np.repeat(plane, times)
         close = np.abs(planes.distances(mesh.vertices[new], of)) <= reach * pixel[new]
-        wanted = _distinct(new[close] * count + of[close])
+        wanted = distinct(new[close] * count + of[close])
         known = keys[np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)] == wanted
         added = wanted[~known]
         if not len(added):
             break
         keys = np.sort(np.concatenate([keys, added]))
     return NearPlanes(*np.divmod(keys, count))
-
-
-def neighbours(mesh: Mesh) -> tuple[Index, Index]:
-    """Find the neighbours of each vertex: those of v are ``neighbour[start[v]:start[v + 1]]``."""
-    count = len(mesh.vertices)
-    a, b = mesh.faces.ravel().astype(np.int64), np.roll(mesh.faces, -1, axis=1).ravel().astype(np.int64)
-    first, neighbour = np.divmod(_distinct(np.concatenate([a * count + b, b * count + a])), count)
-    return np.searchsorted(first, np.arange(count + 1)), neighbour
-
-
-def _distinct(keys: Index) -> Index:
-    """Sort numbers [K] and leave out repetitions; faster than ``numpy.unique``, which hashes them."""
-    ordered = np.sort(keys)
-    return ordered[np.r_[True, ordered[1:] != ordered[:-1]][: len(ordered)]]
 
 
 def listed(begin: NDArray[np.integer], times: NDArray[np.integer]) -> Index:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.mesh.colors import vertex_normals
-from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes, neighbours
+from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
@@ -198,7 +198,7 @@ def _choose(
     vertex, plane, own = vertex[order], plane[order], own[order]
     begin = np.searchsorted(vertex, np.arange(count))
     label = _cheapest(vertex, plane, own, begin)
-    start, neighbour = neighbours(mesh)
+    start, neighbour = mesh.adjacency.neighbours()
     random = np.random.default_rng(0)
     for _ in range(o.rounds):
         mixed = np.zeros(count, bool)

@@ -64,6 +64,18 @@ class Adjacency:
         parallel("mgf_vertex_fans", len(count), *self._all, fan, count)
         return fan, count
 
+    def neighbours(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Find the vertices that an edge joins with each vertex, ascending.
+
+        Returns:
+            ``start`` [N + 1] and ``neighbour``: those of vertex v are ``neighbour[start[v]:start[v + 1]]``.
+        """
+        count = len(self.start) - 1
+        a = self.faces.ravel().astype(np.int64)
+        b = np.roll(self.faces, -1, axis=1).ravel().astype(np.int64)
+        first, neighbour = np.divmod(distinct(np.concatenate([a * count + b, b * count + a])), max(count, 1))
+        return np.searchsorted(first, np.arange(count + 1)), neighbour
+
     def smooth(self, at: NDArray[np.float64], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return vertices [N, 3], all but the ``fixed`` [N] half way towards the mean of their neighbours."""
         moved = np.empty_like(at)
@@ -75,3 +87,9 @@ class Adjacency:
         normals = np.empty((len(at), 3))
         parallel("mgf_vertex_normals", len(at), *self._all, np.ascontiguousarray(at, dtype=np.float64), normals)
         return normals
+
+
+def distinct(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Sort numbers [K] and leave out repetitions; faster than ``numpy.unique``, which hashes them."""
+    ordered = np.sort(keys)
+    return ordered[np.r_[True, ordered[1:] != ordered[:-1]][: len(ordered)]]

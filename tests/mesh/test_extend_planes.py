@@ -8,7 +8,7 @@ import pytest
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.extend_planes import ON_PLANE, PlaneExtensionOptions, extend_planes
 from mgf_engine.mesh.extract import finish_mesh
-from mgf_engine.mesh.near_planes import near_planes, neighbours
+from mgf_engine.mesh.near_planes import near_planes
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices
 from mgf_engine.mesh.planar import flatten_planes
@@ -218,7 +218,7 @@ def test_labels_of_least_cost_agree_with_trying_all():
     vertex = np.r_[near.vertex, near.vertex]
     order = np.lexsort((planes_of, vertex))
     near = type(near)(vertex[order], planes_of[order])
-    start, neighbour = neighbours(mesh)
+    start, neighbour = mesh.adjacency.neighbours()
     o = PlaneLabelOptions(step_cost=0.3, full_step=1.0, rounds=30)
     heights = np.array([0.5, -0.5, 0.0])  # the last is of label -1
     for seed in range(5):

@@ -159,3 +159,11 @@ def test_order_by_key_then_by_the_others() -> None:
     assert np.array_equal(order, np.lexsort([np.arange(300), minor[1], minor[0], key]))
     rows = np.stack([key.astype(np.int64), *minor], 1)[order]
     assert np.array_equal(new, np.r_[True, (rows[1:] != rows[:-1]).any(1)])
+
+
+def test_neighbours_are_the_other_ends_of_the_edges_around_a_vertex():
+    faces = np.array([[0, 1, 2], [2, 1, 3]], np.int32)
+    start, neighbour = Adjacency.of(faces, 5).neighbours()
+    around = [rows.tolist() for rows in np.split(neighbour, start[1:-1])]
+    assert around == [[1, 2], [0, 2, 3], [0, 1, 3], [1, 2], []]
+    assert [len(a) for a in Adjacency.of(np.zeros((0, 3), np.int32), 0).neighbours()] == [1, 0]
