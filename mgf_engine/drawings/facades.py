@@ -26,6 +26,10 @@ class FacadeOptions:
     )
     other_direction: float = parameter(25.0, "Smallest angle between two facades", "degrees", high=180)
     least_area: float = parameter(0.12, "Minimum wall area of a facade, as a share of the largest facade's", high=1)
+    least_share: float = parameter(
+        0.045, "Minimum area of a facade's plane, as a share of the rectangle around the building as seen from there",
+        high=1,
+    )  # fmt: skip
     plane_distance: float = parameter(
         3.0, "Largest distance of a face from the plane of its facade, in pixels of the photos", "ground px"
     )
@@ -60,7 +64,18 @@ def find_facades(survey: Survey, options: FacadeOptions = FacadeOptions()) -> li
             '--facade "x,y,z x,y,z x,y,z".'
         )
     facades = [_facade(survey, direction, faces, options) for direction, faces in found]
+    largest_plane = max(float(survey.areas[facade.wall].sum()) for facade in facades)
+    facades = [facade for facade in facades if _is_side(survey, facade, largest_plane, options)]
     return _named(facades, survey.georeference.north_known)
+
+
+def _is_side(survey: Survey, facade: Facade, largest: float, options: FacadeOptions) -> bool:
+    """Tell whether a plane is a side of the building: the largest one is, others fill some of what is seen from there.
+
+    Narrow faces of turrets, buttresses and frayed corners add up to a direction, but none of them is a wall to draw.
+    """
+    area = float(survey.areas[facade.wall].sum())
+    return area >= largest or area >= options.least_share * float(np.prod(facade.frame.size))
 
 
 def facade_through(survey: Survey, points: Array, name: str, options: FacadeOptions = FacadeOptions()) -> Facade:
