@@ -25,7 +25,7 @@ def evidence(height: np.ndarray, inside: np.ndarray | None = None, detail: float
     grid = Grid(frame, PIXEL, 0.0, SIZE[1], height.shape[1], height.shape[0])
     stands = np.ones(height.shape, bool) if inside is None else inside
     none = np.zeros(height.shape, np.int32)
-    return Evidence(grid, height, stands, none, np.zeros((0, 3)), [], 0.0, "mesh", 6.0, 6.0, detail)
+    return Evidence(grid, height, stands, none, np.zeros((0, 3)), [], 1.0, 0.0, "mesh", 6.0, 6.0, detail)
 
 
 def middles() -> np.ndarray:

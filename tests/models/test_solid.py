@@ -19,7 +19,7 @@ import pytest
 import shapely
 import trimesh
 from support.job_of_house import FinishedJob
-from support.solid_shapes import BUILDINGS, Wing, building, volume
+from support.solid_shapes import BUILDINGS, Wing, building, gable, volume
 
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
@@ -72,6 +72,34 @@ def test_a_known_building_gets_its_volume_and_its_roofs(survey: Survey, name: st
         round(float(solid.vertices[row][2]), 1) for face in solid.faces if face.kind == GROUND for row in face.rings[0]
     }
     assert heights == {0.0}
+
+
+ARC = np.linspace(0, np.pi / 2, 9)
+#: Radius and height of the roof of a round tower, from its eaves at 9 m to its tip.
+TOWERS = {
+    "dome": np.stack([1.6 * np.cos(ARC), 9 + 1.6 * np.sin(ARC)], 1),
+    "spire": np.array([[1.6, 9.0], [0.0, 14.0]]),
+}
+
+
+@pytest.mark.parametrize("name", TOWERS)
+def test_a_round_tower_keeps_its_height(survey: Survey, name: str) -> None:
+    """Its roof lies in no plane, and its ground plan was given to the roof of the nave."""
+    nave, profile, at = gable((-6, -3, 6, 3), 5, 8), TOWERS[name], np.array([-6.0, -3.0])
+    tower = trimesh.creation.revolve(np.concatenate([[[1.6, 0.0]], profile]), sections=64)
+    tower = trimesh.Trimesh(*trimesh.remesh.subdivide_to_size(np.add(tower.vertices, (*at, 0.0)), tower.faces, 0.3))
+    church = building([nave], step=0.15)
+    body = trimesh.util.concatenate([trimesh.Trimesh(church.vertices, church.faces, process=False), tower])
+    place = body.vertices + np.random.default_rng(0).normal(0, 0.03, body.vertices.shape)
+    mesh = Mesh(place, np.array(body.faces, np.int32), np.zeros((len(place), 3), np.uint8))
+    solid = build_solid(of(survey, mesh), 0.45)
+    assert solid.level == 2 and faults_of(solid, 0.045) == []
+    x, y = np.meshgrid(np.arange(-8, 6.5, 0.02), np.arange(-5, 3.5, 0.02))
+    away, true = np.hypot(x - at[0], y - at[1]), np.maximum(nave.heights(x, y).min(0), 0)
+    roof = np.interp(away, profile[::-1, 0], profile[::-1, 1])
+    true = np.where(away < 1.6, np.maximum(roof, true), true)
+    assert solid.volume == pytest.approx(float(true.sum()) * 0.02**2, rel=0.02)
+    assert solid.vertices[:, 2].max() == pytest.approx(profile[-1, 1], abs=1.0)
 
 
 def test_eaves_stand_out_over_the_walls_and_the_solid_ends_at_them(survey: Survey) -> None:

@@ -68,7 +68,7 @@ def build_solid(
     evidence = gather_evidence(survey, detail, options.evidence, taken)
     if evidence.inside.sum() * evidence.grid.resolution**2 < 4 * evidence.detail**2:
         raise NoSolid("the mesh covers no ground")
-    level = 2 if _roof_seen(evidence) >= options.roof_seen else 1
+    level = 2 if evidence.roof_seen >= options.roof_seen else 1
     for _ in range(options.trials):
         solid = _make(evidence, level, options)
         faults = faults_of(solid, 0.1 * evidence.detail)
@@ -81,11 +81,6 @@ def build_solid(
         if not faults:
             return _checked(_measured(solid, survey, evidence, 1, options, taken), options)
     raise NoSolid(faults[0])
-
-
-def _roof_seen(evidence: Evidence) -> float:
-    """Return the share of the footprint that lies in roof planes."""
-    return float((evidence.label[evidence.inside] > 0).mean()) if len(evidence.slopes) else 0.0
 
 
 def _make(evidence: Evidence, level: int, options: SolidOptions) -> Solid:

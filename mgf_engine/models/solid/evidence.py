@@ -21,6 +21,7 @@ from mgf_engine.geometry.clean import open_edges
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
 from mgf_engine.models.solid.plan_lines import Line2, outline_lines, roof_lines, wall_lines
+from mgf_engine.models.solid.round_roofs import add_round_roofs
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Evidence:
         label: int32 [H, W], row of ``slopes`` + 1 where a pixel lies in a roof plane, else 0.
         slopes: [P, 3], roof planes ``z = a x + b y + c``.
         lines: candidates for edges of the ground plan, walls first.
+        roof_seen: share of the footprint that lies in planes of the mesh's roof.
         top: height that nearly all of the building stays below.
         block: height of what is seen from above, for a block with a level top.
     """
@@ -42,6 +44,7 @@ class Evidence:
     label: NDArray[np.int32]
     slopes: Array
     lines: list[Line2]
+    roof_seen: float
     ground: float
     ground_from: str
     top: float
@@ -84,14 +87,18 @@ def gather_evidence(
     block = float(np.median(upper)) if len(upper) else top
     label, slopes = _roofs(regions, inside, options)
     _take_loose(label, slopes, height, inside, grid, 0.5 * detail)
+    roof_seen = float((label[inside] > 0).mean()) if len(slopes) else 0.0
     walls = wall_lines(survey, detail, options)
+    turn = float(np.arctan2(walls[0].normal[1], walls[0].normal[0])) if walls else 0.0
+    slopes = add_round_roofs(label, slopes, height, inside, grid, detail, turn, options)
     reach = max(options.overhang * detail, options.overhang_share * (top - bottom))
     lines = walls + roof_lines(label, slopes, regions, walls, detail, reach, options)
     lines += outline_lines(inside, grid, walls, detail, reach, options)
     found = find_ground(survey, inside, grid)
     ground, ground_from = found.height, found.source
     return Evidence(
-        grid, height, inside, label, slopes, lines[:options.most_lines], ground, ground_from, top, block, detail
+        grid, height, inside, label, slopes, lines[:options.most_lines], roof_seen, ground, ground_from, top, block,
+        detail,
     )  # fmt: skip
 
 

@@ -19,6 +19,14 @@ class EvidenceOptions:
     steepest: float = parameter(75.0, "Largest tilt of a roof plane", "degrees", high=89)
     level: float = parameter(1.5, "Tilt below which a roof plane is made level", "degrees", high=45)
     least_roof: float = parameter(0.005, "Minimum area of a roof plane, as a share of the footprint", high=1)
+    round_least: float = parameter(
+        16.0, "Minimum area of a part in no roof plane that gets planes of its own, in squared details"
+    )
+    round_opening: float = parameter(
+        0.5, "Radius of the opening that narrow parts in no roof plane fall out by, in details"
+    )
+    round_level: float = parameter(15.0, "Median tilt below which such a part is level", "degrees", high=90)
+    round_side: float = parameter(0.1, "Minimum share of such a part that falls towards a side", high=1)
     main_angle: float = parameter(
         4.0, "Largest angle between a wall and the main direction that it is turned into", "degrees", low=0.1, high=45
     )
