@@ -144,6 +144,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("elevations", "drawings", "Lines of elevations and plans", "drawings.elevation:ElevationOptions"),
     Algorithm("regions", "drawings", "Planar regions that a drawing shows", "drawings.regions:RegionOptions", also=("models",)),
     Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),
+    Algorithm("rectangles", "drawings", "Rectangles of openings in drawings", "drawings.rectangles:RectangleOptions"),
     Algorithm("section_cuts", "drawings", "Sections through the mesh", "drawings.section:SectionOptions"),
     Algorithm("part_outlines", "drawings", "Outlines of windows and other named parts", "drawings.parts:PartOutlineOptions", also=("models",)),
     Algorithm("quantities", "drawings", "Quantities of walls and roofs", "drawings.quantities:QuantityOptions"),

@@ -11,6 +11,7 @@ import numpy as np
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.merge_segments import merge_segments
 from mgf_engine.drawings.model import CREASE, DETAIL, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
+from mgf_engine.drawings.rectangles import RectangleOptions, fit_rectangle, rectangle_stroke
 from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionOptions, Regions, find_regions
 from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, straighten
 from mgf_engine.drawings.trace import Chain, trace
@@ -28,6 +29,7 @@ class ElevationOptions:
     least_loose: float = parameter(12.0, "Minimum length of a line beside a surface that is in no plane", "ground px")
     regions: RegionOptions = RegionOptions()
     straightening: StraightenOptions = StraightenOptions()
+    rectangles: RectangleOptions = RectangleOptions()
 
 
 def draw_elevation(
@@ -50,6 +52,12 @@ def draw_elevation(
     for chain, kind in drawn:
         corners = regions.grid.places(chain.corners)
         places[chain.ends[0]], places[chain.ends[1]] = corners[0], corners[-1]
+        box = fit_rectangle(chain.corners, options.rectangles) if _is_opening(chain, kind) else None
+        if box is not None:
+            left, top, right, bottom = box
+            ring = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+            strokes.append(rectangle_stroke(regions.grid.places(ring), chain.ends))
+            continue
         known = meeting_line(regions, chain) if kind == CREASE else None
         strokes.append(straighten(corners, chain.ends, survey.working_pixel, known, options.straightening))
     join_ends(strokes, places, survey.working_pixel, options.straightening)
@@ -80,6 +88,11 @@ def classify(
         return STEP
     turn = regions.normal(chain.low) @ regions.normal(chain.high)
     return CREASE if turn < np.cos(np.radians(options.least_angle)) else None
+
+
+def _is_opening(chain: Chain, kind: str) -> bool:
+    """Tell whether a border runs around something within a surface, such as a window, a door or a bay."""
+    return kind in (STEP, DETAIL) and chain.ends[0] == chain.ends[1]
 
 
 def meeting_line(regions: Regions, chain: Chain) -> Array | None:
