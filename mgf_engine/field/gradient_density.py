@@ -55,8 +55,8 @@ def scene_extent(views: Sequence[View]) -> float:
     return 1.1 * float(np.linalg.norm(centres - centres.mean(0), axis=1).max())
 
 
-def pooled_share(labels: Sequence[NDArray[np.uint8]]) -> float:
-    """Compute the mean share of the frame that is building, over the label maps of the training views."""
+def mask_share(labels: Sequence[NDArray[np.uint8]]) -> float:
+    """Compute the mean share of the frame that the building's masks cover, over the label maps [H, W] of the views."""
     return float(np.mean([building(own).mean() for own in labels]))
 
 
@@ -65,7 +65,7 @@ def refine_by_gradient(
     stats: RenderStats,
     keep: Tensor,
     extent: float,
-    pooled: float,
+    covered: float,
     generator: torch.Generator,
     options: GradientOptions = GradientOptions(by="gradient"),
 ) -> RefineResult:
@@ -76,13 +76,13 @@ def refine_by_gradient(
         stats: gathered since the last round, rows as in the optimiser's field.
         keep: bool [N]; false for Gaussians the masks vote against.
         extent: of the scene, normalised frame (:func:`scene_extent`).
-        pooled: share of the frame that the loss is a mean over.
+        covered: share of the frame that the loss is a mean over (:func:`mask_share`).
         generator: of the places of children.
         options: thresholds; ``max_gaussians`` bounds the number of Gaussians, those pulled most are chosen first.
     """
     with torch.no_grad():
         alive = keep & (optimiser.field.opacities >= options.prune_opacity)
-        gradient, chosen = _pulled(stats, pooled, options)
+        gradient, chosen = _pulled(stats, covered, options)
     chosen, gradient = chosen[alive], gradient[alive]
     optimiser.keep(alive)
     room = options.max_gaussians - len(optimiser.field)
@@ -103,7 +103,7 @@ def refine_by_gradient(
     return RefineResult(added, int((~alive).sum()) + int((~small).sum()))
 
 
-def _pulled(stats: RenderStats, pooled: float, options: GradientOptions) -> tuple[Tensor, Tensor]:
+def _pulled(stats: RenderStats, covered: float, options: GradientOptions) -> tuple[Tensor, Tensor]:
     """Return what Gaussians are ranked by, float32 [N], and which of them are to be cloned or split, bool [N].
 
     Lengths per pixel have another scale than the length of the sum: as many Gaussians are chosen by the former as the
@@ -111,7 +111,7 @@ def _pulled(stats: RenderStats, pooled: float, options: GradientOptions) -> tupl
     """
     views = stats.count.clamp_min(1)
     mean = stats.gradient / views
-    chosen = mean * pooled > options.threshold
+    chosen = mean * covered > options.threshold
     if options.by == "gradient":
         return mean, chosen
     absolute = stats.absolute_gradient / views

@@ -23,7 +23,7 @@ from mgf_engine.field.density import DensificationOptions, budget_at, refine
 from mgf_engine.field.filter3d import FilterOptions, update_filter
 from mgf_engine.field.gradient_density import (
     GradientOptions,
-    pooled_share,
+    mask_share,
     refine_by_gradient,
     reset_opacities,
     scene_extent,
@@ -96,7 +96,7 @@ class _Trainer:
         self.target_options = config.algorithm(TargetOptions)
         self.gradients = config.algorithm(GradientOptions)
         by_gradient = config.densify_by != "error"
-        self.pooled = pooled_share([masks.labels[i] for i in self.views]) if by_gradient else 1.0
+        self.covered = mask_share([masks.labels[i] for i in self.views]) if by_gradient else 1.0
         self.lr_scale = lr_scale_of(self.total, Config().run_length(len(self.views)), self.rates)
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}
@@ -200,7 +200,7 @@ class _Trainer:
             elif grow:
                 generator = torch.Generator().manual_seed(self.config.seed * 7_919 + self.iteration)
                 refine_by_gradient(
-                    self.optimiser, self.stats, keep, self.extent, self.pooled, generator, self.gradients
+                    self.optimiser, self.stats, keep, self.extent, self.covered, generator, self.gradients
                 )
             if len(self.optimiser.field) == 0:
                 raise BadInput("All Gaussians were pruned: none explains the masks; check the masks and the cameras.")

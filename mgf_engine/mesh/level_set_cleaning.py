@@ -24,8 +24,8 @@ from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.mesh.unobserved_volumes import drop_unobserved
 from mgf_engine.model.mesh import Mesh
 
-#: Name of the vertices' values, bool [N]: those of small parts that photos confirm.
-_CONFIRMED = "confirmed"
+#: Name of the vertices' values, bool [N]: those of small parts that photos confirm as a whole.
+_SMALL_PART = "small_part"
 
 
 def clean_level_set(
@@ -92,9 +92,9 @@ def _cut_background(
         small[mesh.faces[confirmed]] = True
     if labels is None:
         return clean.with_faces(mesh, mesh.faces[seen])
-    marked = replace(mesh, values={_CONFIRMED: small})
+    marked = replace(mesh, values={_SMALL_PART: small})
     cut = cut_background(marked, trusted.views, labels, counts, seen, options.votes)
-    stays = clean.large_parts(cut, options.min_component) | cut.values[_CONFIRMED][cut.faces].all(1)
+    stays = clean.large_parts(cut, options.min_component) | cut.values[_SMALL_PART][cut.faces].all(1)
     return clean.split_nonmanifold(clean.with_faces(replace(cut, values={}), cut.faces[stays]))
 
 

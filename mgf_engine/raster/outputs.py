@@ -45,8 +45,8 @@ class RenderStats:
         weight: float32 [N], sum of its blending weights over pixels.
         error: float32 [N], sum of weight * ``error_map``.
         gradient: float32 [N], sum over views of the length of dL/dc, c its projected centre in normalised device
-            coordinates (half the frame is 1); moving c moves its response across the
-            picture, in the shape that it has there.
+            coordinates (half the frame is 1); moving c moves its response across the picture, in the shape that it has
+            there.
         absolute_gradient: float32 [N], the same with the length taken in each pixel before the sum: not cancelling.
         max_radius: float32 [N], largest half extent of its footprint in pixels, over views.
         count: int32 [N], number of views in which its weight was above zero.

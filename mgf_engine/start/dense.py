@@ -53,10 +53,7 @@ def dense_points(
     def inside(index: int) -> NDArray[np.bool_]:
         return building(masks.labels[index])
 
-    depths = match_photos(
-        scene, views.indices, kept, inside,
-        matching, threads, check,
-    )  # fmt: skip
+    depths = match_photos(scene, views.indices, kept, inside, matching, threads, check)
     aliased = confirmed_texture(depths, o.coarse) < o.coarse.least_confirmed
     depths = improve_depths(depths, scene, kept, o.stereo.neighbours, o.patch_match, check)
     found = _fuse(views, depths, o, views.pixel, smoothing, threads)

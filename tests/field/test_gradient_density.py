@@ -8,7 +8,7 @@ from support.analytic import camera
 
 from mgf_engine.field.gradient_density import (
     GradientOptions,
-    pooled_share,
+    mask_share,
     refine_by_gradient,
     reset_opacities,
     scene_extent,
@@ -87,7 +87,7 @@ def test_the_threshold_is_of_a_loss_over_the_frame() -> None:
     assert refined(gaussians(), pulled(3, length=4.1e-4), pooled=0.5)[1].added == 1
     half = np.zeros((4, 6), np.uint8)
     half[:2] = 1
-    assert pooled_share([half, np.ones((4, 6), np.uint8)]) == pytest.approx(0.75)
+    assert mask_share([half, np.ones((4, 6), np.uint8)]) == pytest.approx(0.75)
 
 
 def test_by_absolute_values_as_many_are_chosen_but_others() -> None:

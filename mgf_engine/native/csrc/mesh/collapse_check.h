@@ -70,8 +70,8 @@ static double shape(Point normal, const Point v[3]) {
     return sum > 0 ? 3.4641016151377544 * sqrt(dot(normal, normal)) / sum : 0;
 }
 
-// Twice the area of the old faces around an edge, as a vector: the way that they look all together.
-static Point looks(const Star *star) {
+// Twice the vector area of the old faces around an edge: the way that they look all together.
+static Point vector_area(const Star *star) {
     Point whole = {0, 0, 0};
     for (int i = 0; i < star->count; i++) {
         const Point *o = star->old[i];
@@ -82,7 +82,7 @@ static Point looks(const Star *star) {
 
 // Whether one of the old faces looks the other way than all together: the surface is folded there.
 static int folded(const Star *star) {
-    const Point whole = looks(star);
+    const Point whole = vector_area(star);
     for (int i = 0; i < star->count; i++) {
         const Point *o = star->old[i];
         if (dot(cross(minus(o[1], o[0]), minus(o[2], o[0])), whole) < 0) return 1;
@@ -94,7 +94,7 @@ static int folded(const Star *star) {
 // old ones together: steep little bumps of noise may be levelled. What is folded over does not grow.
 static int sound(const Star *star) {
     double worst_old = SHAPE, worst_new = 1;
-    const Point whole = looks(star);
+    const Point whole = vector_area(star);
     for (int i = 0; i < star->count; i++) {
         const Point *o = star->old[i];
         worst_old = fmin(worst_old, shape(cross(minus(o[1], o[0]), minus(o[2], o[0])), o));
