@@ -76,6 +76,14 @@ PARTS_OF_OURS: dict[str, Options] = {
     "level of the sparse points": {"calibrate_level": True},
     "fused depths": {"surface": "fused"},
 }
+#: Other readings of 7,000 iterations than a whole run, whose schedule keeps the shares of 30,000: densification that
+#: never stops, and the first 7,000 of 30,000, in which the terms from 15,000 on never act.
+SCHEDULES: dict[str, Options] = {
+    "densification throughout": {"densify_until": 1.0},
+    "beginning of a run 30/7 as long": {
+        "densify_from": 0.0714, "densify_until": 1.0, "geometry_from": 1.0, "learning_rates.positions_final": 5.46e-5,
+    },
+}  # fmt: skip
 #: Ours as the ablation starts from it, with the paper's losses on, so that (c) can take them away.
 OURS: Options = {"preset": "standard", **_LOSSES}
 #: Suites of the tables 5 and 6 -> group of their runs and setting that they start from; None for the paper's.
@@ -130,7 +138,7 @@ SUITES: dict[str, str] = {
     "smoke": "one short run on a tiny scene, for continuous integration",
     "equal-terms": "opacity and fused surface, each without and with photo steps",
     "training": "what training is worth: the start alone, then 100 to 7000 iterations",
-    "ablation": "tables 5 and 6: (a) to (f), single parts of ours and true masks, from the paper's setting",
+    "ablation": "tables 5 and 6: (a) to (f), single parts of ours, true masks, schedules, from the paper's",
     "ablation-ours": "tables 5 and 6 from our setting: (a) to (f), the votes apart and true masks",
     "switches": "every switch of ours, one at a time",
     "resolution": "figure 8: 375, 750 and 1500 pixels",
@@ -273,7 +281,7 @@ def _ablation(name: str, start: Options) -> list[Run]:
     table = {**ABLATION, "(f) 30/7 of the iterations": longer, **MASK_PARTS}
     if name == "paper":  # which has no such votes
         del table["no votes during training"], table["no votes on faces"]
-        table |= PARTS_OF_OURS
+        table |= PARTS_OF_OURS | SCHEDULES
     runs = [Run(f"{name}: {what}", "", {**start, **options}, group=name) for what, options in table.items()]
     kinds = {"true": "true masks", "true elements": "true masks and true elements"}
     return runs + [Run(f"{name}: {what}", "", start, masks=masks, group=name) for masks, what in kinds.items()]

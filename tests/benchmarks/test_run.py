@@ -25,6 +25,7 @@ from benchmarks.suites import (
     ABLATION,
     OURS,
     PARTS_OF_OURS,
+    SCHEDULES,
     SUITES,
     SWITCHES,
     SuiteSettings,
@@ -71,7 +72,7 @@ def test_every_option_of_every_suite_exists() -> None:
             make_config(run.options)
     for suite, start in {"ablation": paper_setting(), "ablation-ours": OURS}.items():
         changed = {run.variant.partition(": ")[2]: run for run in suite_runs(suite)}
-        parts = {**ABLATION, **(PARTS_OF_OURS if suite == "ablation" else {})}
+        parts = {**ABLATION, **(PARTS_OF_OURS | SCHEDULES if suite == "ablation" else {})}
         assert set(parts) <= set(changed)
         for what, options in parts.items():  # one thing at a time, from the setting's own values
             full, one = (as_dict(make_config(o)) for o in (start, changed[what].options))
