@@ -80,6 +80,7 @@ class Job:
         given: dict[str, Any] | None = None,
         *,
         resume: bool = False,
+        own: dict[str, Any] | None = None,
     ) -> Job:
         """Make a job folder, or take up the one that is there when ``resume`` is set.
 
@@ -93,6 +94,7 @@ class Job:
             masks: folder of the user's own masks.
             given: options as the user gave them.
             resume: continue the job in the folder.
+            own: options in the place of those that the job in the folder was made with; None keeps these.
 
         Raises:
             BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
@@ -101,7 +103,7 @@ class Job:
         check_no_file(folder)
         folder = folder.resolve()  # as the inputs are, so that the job's own files are known among them
         lock = FileLock(str(folder / ".lock"))
-        plan = partial(cls._plan, folder, lock, source, prompts, masks, _with_whole_paths(given or {}), resume)
+        plan = partial(cls._plan, folder, lock, source, prompts, masks, _with_whole_paths(given or {}), resume, own)
         plan()  # refuses before anything is made
         make_folder(folder)
         acquire(lock, folder)
@@ -127,6 +129,7 @@ class Job:
         masks: Path | None,
         given: dict[str, Any],
         resume: bool,
+        own: dict[str, Any] | None,
     ) -> Job:
         """Return the job that :meth:`start` asks for, with what the folder's job file says; nothing is written."""
         stages: dict[str, dict[str, Any]] = {}
@@ -136,7 +139,7 @@ class Job:
             source, stages = source or Path(earlier["source"]), earlier["stages"]
             if prompts is None and masks is None:  # what is given anew is meant to be used, alone
                 prompts, masks = _path(earlier["prompts"]), _path(earlier["masks"])
-            given = {**earlier["given"], **given}
+            given = {**(earlier["given"] if own is None else own), **given}
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
         check_inputs(source, prompts, masks, folder / CLICKS)

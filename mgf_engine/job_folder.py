@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from mgf_engine.config import Config, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.stages import STAGE_NAMES
 
+log = logging.getLogger("mgf")
 FORMAT = 1  # of job.json
 #: What a job leaves that was refused before its first stage was done.
 _OF_A_REFUSED_JOB = {"job.json", "log.txt", ".lock", f".started-{STAGE_NAMES[0]}"}
@@ -48,17 +50,32 @@ def read_job(folder: Path) -> dict[str, Any]:
     return data
 
 
-def with_algorithms_of_job(folder: Path, given: Mapping[str, Any]) -> Config:
+def with_algorithms_of_job(folder: Path, given: Mapping[str, Any], warn: Callable[[str], None] = log.warning) -> Config:
     """Return the options of algorithms for a command on a finished job: the job's own, less those given.
 
     Args:
         given: ``section.name`` -> value; these win.
+        warn: takes a sentence about options of the job that this version does not know.
 
     Raises:
-        BadInput: as :func:`read_job`, or the job has an option that this version does not know.
+        BadInput: as :func:`read_job`.
     """
     own = {k: v for k, v in read_job(folder)["given"].items() if k == "preset" or is_algorithm_option(k)}
-    return make_config({**own, **given})
+    return make_config({**known_options(own, warn), **given})
+
+
+def known_options(given: Mapping[str, Any], warn: Callable[[str], None]) -> dict[str, Any]:
+    """Return those of a finished job's options that this version takes; a sentence names the others."""
+    known, unknown = {}, []
+    for name, value in given.items():
+        try:
+            make_config({name: value})
+            known[name] = value
+        except BadInput:
+            unknown.append(name)
+    if unknown:
+        warn(f"The job was made by another version of MGF; its options {', '.join(unknown)} are passed over here.")
+    return known
 
 
 def _check_stages(stages: dict[str, Any]) -> None:

@@ -72,7 +72,7 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
     cost = Cost()
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
-            config = with_algorithms_of_job(job, wanted.algorithms)
+            config = with_algorithms_of_job(job, wanted.algorithms, reporter.warning)
             survey = read_survey(job, options=config.algorithm(UpOptions))
             facades = _facades(survey, wanted, config.algorithm(FacadeOptions))
             ground = ground_of(survey, facades)

@@ -18,8 +18,8 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene
 from mgf_engine.results import load_mesh, load_scene_of
-from mgf_engine.runs import current_run
-from mgf_engine.stages import MANIFEST, STAGE_NAMES, stage_of_section
+from mgf_engine.runs import current_run, delivered
+from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, stage_of_section
 from mgf_engine.system import write_json
 
 
@@ -46,20 +46,13 @@ def write_models(job: Job, mesh: Mesh, fit: GeoreferenceFit, texture: Texture | 
 def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     """Find the georeference of a finished job anew, by its present options; nothing else of it changes.
 
+    It may be finished by another version, with other options or photos: what lies in its folder is placed.
+
     Raises:
         BadInput: the job is not finished, or what the user gave cannot be used; the job is then as it was.
     """
+    check_finished(job)
     last = stage_of_section("georef").name  # its options are what may have changed
-    unfinished = next((s for s in STAGE_NAMES if s not in job.stages or (s != last and not job.done(s))), None)
-    if unfinished == STAGE_NAMES[0] and job.config.control and all(name in job.stages for name in STAGE_NAMES):
-        raise BadInput(
-            f"The scene of the job in '{job.folder}' was made with other control points, marks or photos; 'mgf "
-            "reconstruct --resume' with these moves its cameras anew."
-        )
-    if unfinished is not None or not (job.folder / MANIFEST).exists():
-        raise BadInput(
-            f"The job in '{job.folder}' is not finished with these options; run 'mgf reconstruct --resume' with them."
-        )
     scene, mesh = load_scene_of(job), load_mesh(job)
     warnings: list[str] = []
     fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), warnings.append)
@@ -72,11 +65,31 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     run = current_run(job.folder)
     if run is not None:
         write_georeference(fit.georeference, run)
-    job.stages[last]["key"] = job.keys[last]
+    if all(job.done(name) for name in STAGE_NAMES if name != last):  # or the next run has to redo the last one as well
+        job.stages[last]["key"] = job.keys[last]
     job.save()
     for text in warnings:
         reporter.warning(text)
     return fit
+
+
+def check_finished(job: Job) -> None:
+    """Check that every stage is on record, and that the files are there which the job's result consists of.
+
+    Raises:
+        BadInput: a stage never ended, or a file is missing.
+    """
+    undone = [name for name in STAGE_NAMES if name not in job.stages]
+    if undone:
+        raise BadInput(
+            f"The job in '{job.folder}' is not finished (its stage '{undone[0]}' has not ended); run 'mgf reconstruct "
+            "--resume' first."
+        )
+    proofs = (name for stage in STAGES for name in stage.proofs if stage.taken)
+    lost = [name for name in ("scene/scene.npz", *proofs) if not job.path(name).exists()]
+    if lost or not delivered(job.folder):
+        what = f"'{lost[0]}'" if lost else f"a file that its {MANIFEST} names"
+        raise BadInput(f"The job in '{job.folder}' has lost {what}; run 'mgf reconstruct --resume' to make it again.")
 
 
 def plain(fit: GeoreferenceFit) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.model import FILE
 from mgf_engine.georef.report import facts, rms_figures
 from mgf_engine.job import Job
+from mgf_engine.job_folder import known_options, read_job
 from mgf_engine.messages import Reporter
 from mgf_engine.option_input import option_pairs, read_config
 from mgf_engine.reported import add_algorithm_arguments, add_reporting_arguments, run_reported
@@ -56,8 +57,15 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
         return
     record = args.job / "job.json"
     before = record.read_bytes() if record.is_file() else None
+    earlier = read_job(args.job)
+    own = known_options(earlier["given"], reporter.warning)
     try:
-        job, kept = _open(args.job, given)
+        job, kept = _open(args.job, given, own)
+        if kept and cameras_adjusted(earlier):
+            reporter.warning(
+                "Control points moved the cameras of this job when its scene was made; a check point of today that was "
+                "among them checks nothing."
+            )
         with job:
             fit = apply_to_finished(job, reporter)
     except BaseException:
@@ -89,14 +97,26 @@ def read_options(args: argparse.Namespace) -> dict[str, Any]:
     return {**given, **flags}
 
 
-def _open(folder: Path, given: dict[str, Any]) -> tuple[Job, bool]:
+def _open(folder: Path, given: dict[str, Any], own: dict[str, Any]) -> tuple[Job, bool]:
     """Return the job with new options, and whether control points would have moved its cameras, which are left
-    alone."""
-    job = Job.start(folder, given=given, resume=True)
+    alone.
+
+    Args:
+        folder: of the job.
+        given: new options.
+        own: options that the job was made with.
+    """
+    job = Job.start(folder, given=given, resume=True, own=own)
     if job.done("scene") or not job.adjusts_to_control:
         return job, False
     job.close()
-    return Job.start(folder, given={**given, "control_adjust": False}, resume=True), True
+    return Job.start(folder, given={**given, "control_adjust": False}, resume=True, own=own), True
+
+
+def cameras_adjusted(record: dict[str, Any]) -> bool:
+    """Tell whether control points moved the cameras of a job, by the options in its record."""
+    options = record.get("config")
+    return isinstance(options, dict) and bool(options.get("control")) and bool(options.get("control_adjust"))
 
 
 def _print(fit: GeoreferenceFit) -> None:

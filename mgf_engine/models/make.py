@@ -52,7 +52,7 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
     cost = Cost()
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
-            config = with_algorithms_of_job(job, wanted.algorithms)
+            config = with_algorithms_of_job(job, wanted.algorithms, reporter.warning)
             survey = read_survey(job, options=config.algorithm(UpOptions))
             painted = (job / IMAGE).is_file() and (job / COORDINATES).is_file()
             texture = read_texture(job) if painted else None
