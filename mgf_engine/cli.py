@@ -107,9 +107,8 @@ def _job_command(args: argparse.Namespace) -> int:
     new = not args.out.exists()
     try:
         job = _open_job(args)
-        with job:
+        with job, watch_for_cancel(reporter, args.cancel_on_eof):
             log_path = _log_to(job.path("log.txt"))
-            watch_for_cancel(reporter, args.cancel_on_eof)
             for text in renamed_values(_given_options(args)):
                 reporter.warning(text)
             from mgf_engine.pipeline import run_job

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +76,9 @@ def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -
     if not logging.getLogger("mgf").handlers:  # without a job's log, Python would print warnings a second time
         logging.getLogger("mgf").addHandler(logging.NullHandler())
     reporter = Reporter(make_sink(args.progress))
-    watch_for_cancel(reporter, args.cancel_on_eof)
     try:
-        work(reporter)
+        with watch_for_cancel(reporter, args.cancel_on_eof):
+            work(reporter)
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
         code, text = explain(error, resumable=False)
@@ -106,18 +106,28 @@ def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None
         drop_output()
 
 
-def watch_for_cancel(reporter: Reporter, on_eof: bool) -> None:
-    """Have Ctrl-C and SIGTERM ask the job to stop at its next step; a second Ctrl-C stops it at once."""
+@contextlib.contextmanager
+def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
+    """Have Ctrl-C and SIGTERM ask the job inside to stop at its next step; a second Ctrl-C stops it at once.
+
+    The caller's own signal handlers come back at the end.
+    """
 
     def ask(number: int, frame: object) -> None:
         reporter.cancel()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
+    before = {}
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, ask)
-        signal.signal(signal.SIGTERM, ask)
+        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     if on_eof:
         threading.Thread(target=_cancel_on_eof, args=(reporter,), daemon=True).start()
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:  # one that C set cannot be set again from here
+                signal.signal(number, handler)
 
 
 def _cancel_on_eof(reporter: Reporter) -> None:

@@ -1,10 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Commands on finished jobs say each thing once."""
+"""Commands say each thing once, and leave the process that called them as it was."""
 
 from __future__ import annotations
 
+import argparse
+import signal
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+from support.jobs import write_photo_folder
+
+from mgf_engine.cli import main
+from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE
+from mgf_engine.messages import Reporter
+from mgf_engine.reported import run_reported
 
 SCRIPT = """
 import argparse
@@ -19,3 +30,29 @@ def test_a_warning_is_printed_once_where_there_is_no_log() -> None:
     """Python's logging prints warnings that nobody takes; pytest takes them, so this needs a process of its own."""
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True)
     assert (done.stdout + done.stderr).count("The roof is missing.") == 1
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_command_called_from_python_leaves_its_signal_handlers(fails: bool) -> None:
+    """Ctrl-C in a notebook, and SIGTERM to a server, are the caller's again when the command has ended."""
+
+    def work(reporter: Reporter) -> None:
+        assert signal.getsignal(signal.SIGTERM) is not before[1] and signal.getsignal(signal.SIGINT) is not before[0]
+        if fails:
+            signal.raise_signal(signal.SIGINT)
+            reporter.check()
+
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    args = argparse.Namespace(progress="none", cancel_on_eof=False)
+    assert run_reported(args, work) == (EXIT_CANCELLED if fails else EXIT_DONE)
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+def test_a_job_leaves_the_signal_handlers_of_its_caller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr("mgf_engine.pipeline.run_job", lambda *_, **__: seen.append(signal.getsignal(signal.SIGTERM)))
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    scene = write_photo_folder(tmp_path / "photos")
+    assert main(["reconstruct", str(scene), "--out", str(tmp_path / "job"), "--progress", "none"]) == EXIT_DONE
+    assert len(seen) == 1 and seen[0] is not before[1]
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
