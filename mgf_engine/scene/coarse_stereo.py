@@ -41,6 +41,10 @@ class CoarseStereoOptions:
         0.75, "Share of the clicks on texture without agreement from which reduced photos are matched for the masks",
         low=0.01, high=1,
     )  # fmt: skip
+    most_clicks: float = parameter(
+        0.4, "Share of them on texture without agreement in reduced photos, too, above which they are unused (mirrors)",
+        high=1,
+    )  # fmt: skip
     longest_side: int = parameter(750, "Longest side of a photo before it is reduced", "px", low=48)
     factor: float = parameter(3.0, "Factor by which photos are reduced", low=1)
     blur: float = parameter(1.0, "Standard deviation by which reduced photos are blurred", "px")

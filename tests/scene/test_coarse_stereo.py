@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.moire import CENTRES, DISTANCE, STEREO, add_moire
+from support.moire import CENTRES, DISTANCE, STEREO, add_mirror_image, add_moire
 from support.wall import make_wall
 
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
@@ -26,6 +26,7 @@ from mgf_engine.scene.validation import keep_points
 OPTIONS = CoarseStereoOptions(factor=2.0)  # the photos are small
 MATCHING = Matching(3, 192, STEREO)
 VIEWS = range(8)
+CLICKS = {2: np.array([[100.0, 70.0], [120.0, 60.0]])}
 
 
 def go_on() -> None:
@@ -50,6 +51,15 @@ def moire(wall: Scene) -> Scene:
 
 def depths_of(scene: Scene) -> Depths:
     return match_photos(scene, VIEWS, everywhere(len(scene.points)), None, MATCHING, 2, go_on)
+
+
+def densify_on(scene: Scene, clicks: dict[int, np.ndarray]) -> Scene:
+    """Return the scene with points for the masks, where it has none."""
+
+    def leafy(index: int) -> np.ndarray:
+        return np.zeros((4, 6), bool)
+
+    return densify_points(scene, clicks, leafy, 1, go_on, DensifyOptions(stereo=STEREO, coarse=OPTIONS))
 
 
 def right(depths: Depths) -> float:
@@ -89,15 +99,15 @@ def test_places_on_moire_are_told_from_texture_and_plain_places(wall: Scene) -> 
 
 def test_masks_get_points_on_moire_only_where_it_was_clicked(moire: Scene) -> None:
     half = keep_points(moire, moire.points[:, 0] < 0)
-    options = DensifyOptions(stereo=STEREO, coarse=OPTIONS)
-    clicks = {2: np.array([[100.0, 70.0], [120.0, 60.0]])}
-
-    def leafy(index: int) -> np.ndarray:
-        return np.zeros((4, 6), bool)
-
-    without = densify_points(half, {2: np.zeros((0, 2))}, leafy, 1, go_on, options)
-    full = densify_points(half, clicks, leafy, 1, go_on, options)
+    without = densify_on(half, {2: np.zeros((0, 2))})
+    full = densify_on(half, CLICKS)
     new = full.points[len(without.points) :]
     assert len(new) > 10
     assert np.median(np.abs(new[:, 2])) < 0.04 * DISTANCE
     assert np.array_equal(full.points[: len(without.points)], without.points)
+
+
+def test_masks_get_no_such_points_where_reduced_photos_disagree_about_the_clicks_too(moire: Scene) -> None:
+    add_mirror_image(moire, 2)
+    half = keep_points(moire, moire.points[:, 0] < 0)
+    assert np.array_equal(densify_on(half, CLICKS).points, densify_on(half, {2: np.zeros((0, 2))}).points)

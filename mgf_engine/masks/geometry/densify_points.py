@@ -59,7 +59,8 @@ def densify_points(
 ) -> Scene:
     """Return the scene with points, and tracks through the photos that confirm them, where it has none.
 
-    Where the building was clicked on texture that no two photos agree about, reduced photos are matched, too.
+    Where the building was clicked on texture that no two photos agree about, reduced photos are matched, too. About
+    moiré these agree; about mirror images they do not either, and then they are not used.
 
     Args:
         scene: normalised frame.
@@ -80,6 +81,8 @@ def densify_points(
         return full
     known = np.ones(len(full.points), bool)
     depths = match_reduced(full, views, known, None, matching, options.coarse, threads, check)
+    if _aliased_clicks(scene, depths, clicks, options.coarse) > options.coarse.most_clicks:
+        return full
     options = replace(
         options, window=options.reduced_window, matched=options.reduced_matched, step=options.reduced_step
     )
