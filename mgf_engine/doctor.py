@@ -15,6 +15,8 @@ from mgf_engine.masks.segmenters.notice import standing
 from mgf_engine.memory import GB, free_memory
 from mgf_engine.system import cores, cpu_name, total_memory, versions
 
+#: The versions the engine is tested with.
+CONSTRAINTS = "constraints.txt"
 #: Extra -> what it is for, and what it brings, package by module.
 EXTRAS: dict[str, tuple[str, dict[str, str]]] = {
     "survey": (
@@ -51,7 +53,7 @@ def report(weights: Path | None = None) -> int:
         print(f"  {name:<32} {version}")
     print(f"  {'processor':<32} {cpu_name()}, {cores()} cores")
     print(f"  {'memory':<32} {total_memory() / GB:.1f} GB, {free_memory() / GB:.1f} GB free")
-    problems = [f"{name} is missing; run 'pip install {name}'." for name, v in found.items() if v == "missing"]
+    problems = [f"{name} is missing; run {install_command(name)}." for name, v in found.items() if v == "missing"]
     try:
         from mgf_engine.native.library import variant
 
@@ -76,7 +78,15 @@ def report(weights: Path | None = None) -> int:
 def _extra(extra: str, packages: dict[str, str]) -> str:
     """Say whether an extra is there, else what it lacks and how to get it."""
     missing = [name for module, name in packages.items() if _needed_here(name) and not _installed(module)]
-    return f"need {', '.join(missing)}: pip install 'mgf-engine[{extra}]'" if missing else "yes"
+    return f"need {', '.join(missing)}: {install_command(f'mgf-engine[{extra}]')}" if missing else "yes"
+
+
+def install_command(what: str) -> str:
+    """Return how to install a package or extra in the versions the engine is tested with."""
+    package = Path(__file__).parent
+    places = (package / CONSTRAINTS, package.parent / CONSTRAINTS)  # of a wheel, of a checkout
+    pinned = next((f"-c '{path}' " for path in places if path.is_file()), "")
+    return f"pip install {pinned}'{what}'"
 
 
 def _needed_here(package: str) -> bool:

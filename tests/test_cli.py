@@ -270,9 +270,10 @@ def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, 
     monkeypatch.setattr(doctor, "_installed", lambda module: module not in ("ezdxf", "pxr", "snakemake"))
     assert main(["doctor", "--weights", str(tmp_path)]) == 0  # a job needs none of them
     said = " ".join(capsys.readouterr().out.split())
-    assert "drawings, map coordinates need ezdxf: pip install 'mgf-engine[survey]'" in said
-    assert "mgf models, laser scans need usd-core: pip install 'mgf-engine[models]'" in said
-    assert "many buildings need snakemake: pip install 'mgf-engine[town]'" in said
+    pinned = f"pip install -c '{Path(__file__).parents[1] / 'constraints.txt'}'"  # the versions that were tested
+    assert f"drawings, map coordinates need ezdxf: {pinned} 'mgf-engine[survey]'" in said
+    assert f"mgf models, laser scans need usd-core: {pinned} 'mgf-engine[models]'" in said
+    assert f"many buildings need snakemake: {pinned} 'mgf-engine[town]'" in said
     assert "LPIPS in reports not measured; 'mgf weights --model lpips-alex' fetches" in said
     monkeypatch.setattr(doctor, "_installed", lambda module: True)
     files = tuple(WeightFile(n, 3, hashlib.sha256(b"vgg").hexdigest()) for n in ("vgg16.pth", "vgg.pth"))
@@ -285,6 +286,15 @@ def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, 
     (tmp_path / "vgg.pth").write_bytes(b"ggv")
     assert main(["doctor", "--weights", str(tmp_path)]) == 1
     assert "Problem: 'vgg.pth' is damaged" in " ".join(capsys.readouterr().out.split()).replace(f"{tmp_path}/", "")
+
+
+def test_doctor_finds_the_pinned_versions_that_a_wheel_carries(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(doctor, "__file__", str(tmp_path / "mgf_engine" / "doctor.py"))
+    assert doctor.install_command("scipy") == "pip install 'scipy'"
+    carried = tmp_path / "mgf_engine" / "constraints.txt"
+    carried.parent.mkdir()
+    carried.write_text("scipy==1.17.1")
+    assert doctor.install_command("scipy") == f"pip install -c '{carried}' 'scipy'"
 
 
 @pytest.mark.parametrize("extra", ["survey", "models", "town"])
