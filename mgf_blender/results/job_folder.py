@@ -84,6 +84,7 @@ def _view(folder: Path, entry: dict[str, Any]) -> ResultView:
         str(entry["name"]), int(entry["width"]), int(entry["height"]),
         float(entry["fx"]), float(entry["fy"]), float(entry["cx"]), float(entry["cy"]),
         rotation, -rotation @ to_world[:3, 3], _file(folder, entry.get("file")),
+        held=int(entry.get("held", 1)),
     )  # fmt: skip
     return ResultView(camera, _file(folder, entry.get("render")), bool(entry.get("held_out")))
 

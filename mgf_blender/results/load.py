@@ -28,7 +28,7 @@ from ..scene_import.cameras import (
     load_image,
     shrink_cameras,
 )
-from ..scene_import.frame import Frame, make_frame
+from ..scene_import.frame import Frame, make_frame, turn_as_held
 from ..scene_import.tree import Tree, hide
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
@@ -182,7 +182,7 @@ def _frame_of_job(delivery: Delivery) -> Frame:
     if not delivery.views:
         raise UserError("'{folder}' holds no views; run the job again.", folder=delivery.folder)
     specs = [v.camera for v in delivery.views]
-    rotations = np.array([s.rotation for s in specs]).reshape(-1, 3, 3)
+    rotations = np.array([turn_as_held(s.rotation, s.held) for s in specs]).reshape(-1, 3, 3)
     centres = np.array([-s.rotation.T @ s.translation for s in specs]).reshape(-1, 3)
     return make_frame(np.zeros((0, 3)), rotations, centres)
 

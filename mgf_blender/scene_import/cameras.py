@@ -34,6 +34,7 @@ class CameraSpec:
         rotation, translation: ``camera = rotation @ scene + translation``, COLMAP axes, float64.
         picture: file of the photo, or None when it is not there.
         distorted: the photo has lens distortion that a Blender camera cannot show.
+        held: EXIF orientation that the photo lacks, 1 for none: how the camera was held.
     """
 
     name: str
@@ -47,6 +48,7 @@ class CameraSpec:
     translation: np.ndarray
     picture: Path | None = None
     distorted: bool = False
+    held: int = 1
 
     def object_matrix(self, offset: np.ndarray) -> np.ndarray:
         """Return the matrix [4, 4] from Blender's camera axes (y up, looking along -z) to offset scene coordinates."""
@@ -69,6 +71,7 @@ def add_cameras(tree: Tree, specs: Iterable[CameraSpec], kind: str = "Cameras") 
         obj = bpy.data.objects.new(Path(spec.name).stem, data)
         obj[PHOTO_KEY] = spec.name
         obj[DISTORTED_KEY] = spec.distorted
+        obj[HELD_KEY] = spec.held
         remember_size(obj, spec)
         tree.add(kind, obj, spec.object_matrix(tree.offset))
         if spec.picture is not None:

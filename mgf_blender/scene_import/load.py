@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..common.text import N_, tr
-from .cameras import HELD_KEY, PHOTO_KEY, CameraSpec, add_cameras, fit_render
+from .cameras import PHOTO_KEY, CameraSpec, add_cameras, fit_render
 from .colmap import Photo, read_model
 from .exif import orientation_lacking
 from .frame import make_frame, turn_as_held
@@ -66,11 +66,10 @@ def import_scene(
     names = [p.name for p in model.photos]
     photo_folder = photo_folder or find_photo_folder(path, model.folder, names)
     specs = [_spec(p, photo_folder) for p in model.photos]
-    held_as = [orientation_lacking(s.picture, (s.width, s.height)) for s in specs]
     name = _scene_name(named or (path if path.is_dir() else model.folder))
     before = set() if tree is None else {o.get(PHOTO_KEY, "") for o in tree.objects("Cameras")}
     if tree is None or (before and not before & set(names)):
-        rotations = np.array([turn_as_held(s.rotation, held) for s, held in zip(specs, held_as, strict=True)])
+        rotations = np.array([turn_as_held(s.rotation, s.held) for s in specs])
         centres = np.array([p.centre for p in model.photos])
         frame = make_frame(model.points.xyz, rotations, centres, upright)
         if tree is None:
@@ -80,8 +79,6 @@ def import_scene(
     for kind in ("Cameras", "Points"):
         tree.clear(kind)
     cameras = add_cameras(tree, specs)
-    for camera, held in zip(cameras, held_as, strict=True):
-        camera[HELD_KEY] = held
     add_points(tree, model.points)
     scene.camera = cameras[0]
     fit_render(scene, cameras[0])
@@ -90,10 +87,11 @@ def import_scene(
 
 def _spec(photo: Photo, folder: Path | None) -> CameraSpec:
     camera = photo.camera
+    picture = find_photo(folder, photo.name) if folder is not None else None
     return CameraSpec(
         photo.name, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy,
-        photo.rotation, photo.translation, find_photo(folder, photo.name) if folder is not None else None,
-        camera.distorted,
+        photo.rotation, photo.translation, picture, camera.distorted,
+        orientation_lacking(picture, (camera.width, camera.height)),
     )  # fmt: skip
 
 

@@ -130,7 +130,7 @@ def _manifest(job: Job, scene: Scene, renders: dict[int, str], figures: dict[str
         {
             "name": view.name, "file": "scene/" + view.file, "width": view.width, "height": view.height,
             "fx": view.fx, "fy": view.fy, "cx": view.cx, "cy": view.cy,
-            "camera_to_world": camera_to_scene(view, scene).tolist(),
+            "camera_to_world": camera_to_scene(view, scene).tolist(), "held": view.held,
             "render": renders.get(index), "held_out": index in held_out,
         }
         for index, view in enumerate(scene.views)

@@ -46,6 +46,24 @@ def test_cameras_do_not_stand_before_the_mesh(scene, house):
             assert camera.data.display_size == pytest.approx(alone[camera.name] / 3)
 
 
+@pytest.mark.parametrize(("orientation", "turns"), [(1, 0), (3, 2), (6, 1), (8, 3)])
+def test_a_job_of_portrait_photos_alone_stands_upright(addon, scene, house, orientation, turns):
+    """Cameras that were held turned: the manifest says so, and the photos themselves may be gone."""
+    turn = np.linalg.matrix_power(np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]), turns)
+    content = json.loads((house.job / "deliver.json").read_text())
+    for view in content["views"]:
+        to_world = np.array(view["camera_to_world"])
+        to_world[:3, :3] = to_world[:3, :3] @ turn.T
+        view.update(camera_to_world=to_world.tolist(), held=orientation)
+    _edit(house.job, views=content["views"])
+    root = import_result(scene, house.job).tree.root
+    for _ in range(2):
+        bpy.context.view_layer.update()
+        assert (np.array(root.matrix_world)[:3, :3] @ synthetic._turn(0.7, -0.4) @ (0, 0, 1))[2] > 0.999
+        bpy.ops.mgf.set_up_axis(axis="X")
+        bpy.ops.mgf.set_up_axis(axis="CAMERAS")
+
+
 def test_values_per_vertex_become_attributes(scene, house):
     xyz, faces, rgb = synthetic.house_mesh()
     confidence = np.linspace(0, 1, len(xyz))
