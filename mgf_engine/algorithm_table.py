@@ -154,6 +154,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("lod_textures", "models", "Textures of levels of detail", "models.atlas:AtlasOptions"),
     Algorithm("solid", "models", "Solid of the building (CityJSON, IFC)", "models.solid.build:SolidOptions"),
     Algorithm("solid_evidence", "models", "Walls, roofs and footprint that a solid is made from", "models.solid.evidence_options:EvidenceOptions"),
+    Algorithm("party_walls", "models", "Party walls of a row house that stands alone in its job", "models.solid.party_walls:PartyWallOptions"),
     Algorithm("solid_labels", "models", "Choice of a roof plane for each cell of the ground plan", "models.solid.labels:LabelOptions"),
     Algorithm("solid_faces", "models", "Corners and edges of the solid", "models.solid.polyhedron:PolyhedronOptions"),
     Algorithm("solid_openings", "models", "Windows and doors of the solid", "models.solid.openings:OpeningOptions"),

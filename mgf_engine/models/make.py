@@ -106,6 +106,11 @@ def _solid(work: Work) -> None:
             work.reporter.warning(
                 "The photos do not show enough of the roof, so the solid is a block with a level top (LoD1)."
             )
+        if solid.party:
+            work.reporter.warning(
+                f"{solid.party:.0%} of the walls are party walls: nobody saw them, and roof and walls end in their "
+                "planes ('--set party_walls.found=off' leaves them open)."
+            )
         detailed = add_openings(solid, work.survey, work.config.algorithm(OpeningOptions))
         ground = float(work.survey.world(np.array([0.0, 0.0, solid.ground]))[2])
         facts = {

@@ -27,9 +27,10 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.models.cityjson import make_cityjson
 from mgf_engine.models.make import make_models
-from mgf_engine.models.solid.build import NoSolid, build_solid
+from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
 from mgf_engine.models.solid.checks import faults_of, triangles
 from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Solid
+from mgf_engine.models.solid.party_walls import PartyWallOptions
 from mgf_engine.models.work import ModelOptions
 from tests.models.conftest import CORNER
 
@@ -125,13 +126,45 @@ def test_walls_alone_give_a_block_and_a_sentence(survey: Survey) -> None:
     assert solid.unseen[ROOF] > 0.7 and solid.unseen[WALL] < 0.2
 
 
+UNFOUND = SolidOptions(party_walls=PartyWallOptions(found=False))
+
+
+@pytest.mark.parametrize("along_x", [True, False])
+def test_a_row_house_alone_is_closed_at_its_party_walls(survey: Survey, along_x: bool) -> None:
+    """Front, back and roof end in two upright planes, which no map tells of."""
+    wings = [gable((-3, -5, 3, 5), 5, 8, along_x)]
+    mesh = building(wings, step=0.15, noise=0.02)
+    shown = (np.abs(of(survey, mesh).normals[:, 0]) < 0.5) | (np.abs(of(survey, mesh).centres[:, 0]) < 2.9)
+    middle = of(survey, Mesh(mesh.vertices, mesh.faces[shown], mesh.colors))
+    with pytest.raises(NoSolid, match=r"of its walls$"):
+        build_solid(middle, options=UNFOUND)
+    solid = build_solid(middle)
+    assert faults_of(solid, 0.02) == [] and solid.level == 2 and as_trimesh(solid).is_watertight
+    assert solid.volume == pytest.approx(volume(wings), rel=0.03)
+    assert solid.party > 0.5 and solid.unseen[WALL] < 0.02
+
+
+@pytest.mark.parametrize("overhang", [0.0, 0.5])
+def test_whole_buildings_have_no_party_walls(survey: Survey, overhang: float) -> None:
+    for wings in BUILDINGS.values():
+        assert build_solid(of(survey, building(wings, step=0.15, overhang=overhang))).party == 0
+
+
+def test_eaves_over_walls_that_nobody_saw_are_no_party_walls(survey: Survey) -> None:
+    wings = [gable((-3, -5, 3, 5), 5, 8, along_x=False)]
+    mesh = building(wings, step=0.15, overhang=0.6)
+    shown = (np.abs(of(survey, mesh).normals[:, 0]) < 0.9) | (of(survey, mesh).normals[:, 2] > 0.3)
+    with pytest.raises(NoSolid, match=r"of its walls$"):
+        build_solid(of(survey, Mesh(mesh.vertices, mesh.faces[shown], mesh.colors)))
+
+
 def test_walls_against_neighbours_need_no_mesh(survey: Survey) -> None:
     """A house in a row: more than 40 % of its walls are party walls, which nobody sees."""
     mesh = building(BUILDINGS["shed roof"], step=0.1)
     shown = np.abs(of(survey, mesh).normals[:, 1]) < 0.9
     middle = of(survey, Mesh(mesh.vertices, mesh.faces[shown], mesh.colors))
     with pytest.raises(NoSolid, match=r"of its walls$"):
-        build_solid(middle)
+        build_solid(middle, options=UNFOUND)
     rows = [shapely.box(-3, y - 4, 3, y + 4).buffer(1.0) for y in (-6, 6)]
     solid = build_solid(middle, taken=shapely.union_all(rows))
     assert faults_of(solid, 1e-6) == [] and solid.level == 2

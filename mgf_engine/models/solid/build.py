@@ -15,10 +15,12 @@ from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.models.lod import deviation_of
 from mgf_engine.models.solid.cells import cell_of_pixels, cut_into_cells
 from mgf_engine.models.solid.checks import faults_of, triangles, volume_of
-from mgf_engine.models.solid.evidence import Evidence, gather_evidence
+from mgf_engine.models.solid.evidence import Evidence, detail_of, gather_evidence
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
 from mgf_engine.models.solid.labels import LabelOptions, choose_planes
 from mgf_engine.models.solid.model import ROOF, WALL, Array, Solid
+from mgf_engine.models.solid.party_walls import PartyWallOptions, find_party_walls
+from mgf_engine.models.solid.plan_lines import wall_lines
 from mgf_engine.models.solid.polyhedron import PolyhedronOptions, make_polyhedron
 
 
@@ -41,6 +43,7 @@ class SolidOptions:
     evidence: EvidenceOptions = EvidenceOptions()
     labels: LabelOptions = LabelOptions()
     faces: PolyhedronOptions = PolyhedronOptions()
+    party_walls: PartyWallOptions = PartyWallOptions()
 
 
 class NoSolid(Exception):
@@ -60,11 +63,15 @@ def build_solid(
         detail: steps and offsets below this size are left out; None takes it from photos and size.
         options: what is too little evidence, and of every step.
         taken: ground of the neighbours and so much around it as their walls may lie beside the map, local frame. What
-            lies there is a party wall, which nobody can see, and no reason to refuse the solid.
+            lies there is a party wall, which nobody can see, and no reason to refuse the solid. None where no map
+            tells; those party walls that the mesh shows are found then.
 
     Raises:
         NoSolid: there is none.
     """
+    if taken is None and options.party_walls.found:
+        fine = detail_of(survey, options.evidence) if detail is None else detail
+        taken = find_party_walls(survey, wall_lines(survey, fine, options.evidence), fine, options.party_walls)
     evidence = gather_evidence(survey, detail, options.evidence, taken)
     if evidence.inside.sum() * evidence.grid.resolution**2 < 4 * evidence.detail**2:
         raise NoSolid("the mesh covers no ground")

@@ -71,9 +71,8 @@ def gather_evidence(
         options: least sizes, angles and areas.
         taken: ground of the neighbours, as :func:`mgf_engine.models.solid.build.build_solid` takes it.
     """
-    size = float(np.linalg.norm(np.ptp(survey.mesh.vertices[:, :2], axis=0)))
     if detail is None:
-        detail = max(options.detail_pixels * survey.working_pixel, options.detail_share * size)
+        detail = detail_of(survey, options)
     coarse = replace(survey, working_pixel=max(survey.working_pixel, 0.25 * detail))
     regions = find_regions(coarse, survey_planes(coarse, options.planes), plan_frame(survey, []), options.regions)
     grid = regions.grid
@@ -100,6 +99,12 @@ def gather_evidence(
         grid, height, inside, label, slopes, lines[:options.most_lines], roof_seen, ground, ground_from, top, block,
         detail,
     )  # fmt: skip
+
+
+def detail_of(survey: Survey, options: EvidenceOptions = EvidenceOptions()) -> float:
+    """Return the size below which steps and offsets are left out, by the photos and the building's size."""
+    size = float(np.linalg.norm(np.ptp(survey.mesh.vertices[:, :2], axis=0)))
+    return max(options.detail_pixels * survey.working_pixel, options.detail_share * size)
 
 
 def hang_party_walls(mesh: Mesh, taken: shapely.Geometry, bottom: float) -> Mesh:
