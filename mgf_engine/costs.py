@@ -36,13 +36,14 @@ Terms = dict[str, float]
 #: Per stage ``cpu`` (seconds on one core of the machine that was measured), ``serial`` (the share of them that one
 #: core works on alone) and ``bytes``. ``building``: share of the pixels before clicks or masks tell. ``gaussians``:
 #: share of the allowed number of Gaussians that a field reaches, trained (``grown``) or not (``untrained``), or, where
-#: that is fewer, ``least`` + ``per_pixel`` times the building's pixels. ``measured``: photos rendered for the metrics
-#: besides the held-out ones. ``pairs``: photos that each photo is matched with where not all are. ``speed``: limits of
-#: the measured speed of a machine. ``threads``: number from which more threads bring nothing.
+#: that is fewer, ``least`` + ``per_pixel`` times the building's pixels; ``by_gradient`` in their place where the
+#: gradient says what is cloned and split, which follows the texture and not the pixels. ``measured``: photos rendered
+#: for the metrics besides the held-out ones. ``pairs``: photos that each photo is matched with where not all are.
+#: ``speed``: limits of the measured speed of a machine. ``threads``: number from which more threads bring nothing.
 COSTS: dict[str, Any] = {
     "stages": {stage.name: stage.cost for stage in STAGES},
     "building": 0.4,
-    "gaussians": {"grown": 0.9, "untrained": 0.5, "least": 25_000, "per_pixel": 0.007},
+    "gaussians": {"grown": 0.9, "untrained": 0.5, "least": 25_000, "per_pixel": 0.007, "by_gradient": 40_000},
     "measured": 3,
     "pairs": 25,
     "speed": [0.1, 10.0],

@@ -121,7 +121,8 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
     building = count * pixels * (photos.building if config.use_masks else 1.0)
     most = usual["grown" if passes else "untrained"] * config.max_gaussians
     surface = building if config.start == "surface" and config.use_masks else 0
-    gaussians = min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5
+    of_error = usual["least"] + usual["per_pixel"] * building * 1e6
+    gaussians = min(most, of_error if config.densify_by == "error" else usual["by_gradient"]) / 1e5
     return {
         "photos": count, "pixels": pixels, "taken": long * short / 1e6, "building": building,
         "surface": surface, "block_surface": surface / config.blocks,

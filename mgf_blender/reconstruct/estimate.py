@@ -81,7 +81,8 @@ def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, fl
     most = usual["grown" if passes else "untrained"] * options.max_gaussians
     building = count * pixels * (COSTS["building"] if options.use_masks else 1.0)
     surface = building if options.start == "surface" and options.use_masks else 0
-    gaussians = min(most, usual["least"] + usual["per_pixel"] * building * 1e6) / 1e5
+    of_error = usual["least"] + usual["per_pixel"] * building * 1e6
+    gaussians = min(most, of_error if options.densify_by == "error" else usual["by_gradient"]) / 1e5
     return {
         "photos": count, "pixels": pixels, "taken": photos.size[0] * photos.size[1] / 1e6, "building": building,
         "surface": surface, "block_surface": surface / options.blocks,

@@ -22,11 +22,12 @@ def folder(addon, tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_it_is_what_the_engine_says(addon, folder, house):
+@pytest.mark.parametrize("preset", ["fine", "paper"])
+def test_it_is_what_the_engine_says(addon, folder, house, preset):
     python = REPO / ".venv" / "bin" / "python"
     if not python.is_file():
         pytest.skip("the engine's environment (.venv) is not here; make test builds it")
-    addon.options.preset, addon.options.resolution, addon.options.threads = "fine", 100, 3
+    addon.options.preset, addon.options.resolution, addon.options.threads = preset, 100, 3
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     command = [str(python), "-m", "mgf_engine", "estimate", str(house.folder), "--json"]
     command += options.arguments(addon.options)
