@@ -138,7 +138,7 @@ SUITES: dict[str, str] = {
     "smoke": "one short run on a tiny scene, for continuous integration",
     "equal-terms": "opacity and fused surface, each without and with photo steps",
     "training": "what training is worth: the start alone, then 100 to 7000 iterations",
-    "ablation": "tables 5 and 6: (a) to (f), single parts of ours, true masks, schedules, from the paper's",
+    "ablation": "tables 5 and 6: (a) to (f) from the paper's setting; parts of ours, true masks, schedules",
     "ablation-ours": "tables 5 and 6 from our setting: (a) to (f), the votes apart and true masks",
     "switches": "every switch of ours, one at a time",
     "resolution": "figure 8: 375, 750 and 1500 pixels",
