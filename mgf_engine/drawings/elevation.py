@@ -10,12 +10,17 @@ import numpy as np
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.merge_segments import merge_segments
-from mgf_engine.drawings.model import CREASE, DETAIL, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
+from mgf_engine.drawings.model import CREASE, DETAIL, LEANING, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
+from mgf_engine.drawings.openings import WallOpeningOptions, find_openings
+from mgf_engine.drawings.project import Grid, render_grid
 from mgf_engine.drawings.rectangles import RectangleOptions, fit_rectangle, rectangle_stroke
 from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionOptions, Regions, find_regions
 from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, straighten
 from mgf_engine.drawings.trace import Chain, trace
 from mgf_engine.mesh.plane_detection import Planes
+
+#: Share of a loop in an opening from which it is that opening's own border.
+_LOOP_WITHIN = 0.7
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,7 @@ class ElevationOptions:
     regions: RegionOptions = RegionOptions()
     straightening: StraightenOptions = StraightenOptions()
     rectangles: RectangleOptions = RectangleOptions()
+    openings: WallOpeningOptions = WallOpeningOptions()
 
 
 def draw_elevation(
@@ -44,26 +50,58 @@ def draw_elevation(
         options: limits of edges and creases.
     """
     regions = find_regions(survey, planes, frame, options.regions)
+    boxes = _openings(survey, regions, options)
     chains = trace(regions.label)
     kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
-    drawn = [(chain, kind) for chain, kind in zip(chains, kinds, strict=True) if kind is not None]
+    slack = options.openings.side * survey.working_pixel / regions.grid.resolution
+    drawn = [
+        (chain, kind)
+        for chain, kind in zip(chains, kinds, strict=True)
+        if kind is not None and (kind == OUTLINE or not _is_within(chain, boxes, 0.5 * slack))
+    ]
     places: dict[int, Array] = {}
     strokes: list[Stroke] = []
+    openings: list[Array] = []
+    for opening in boxes:
+        _draw_rectangle(opening, regions.grid, (-1, -1), strokes, openings)
     for chain, kind in drawn:
         corners = regions.grid.places(chain.corners)
         places[chain.ends[0]], places[chain.ends[1]] = corners[0], corners[-1]
         box = fit_rectangle(chain.corners, options.rectangles) if _is_opening(chain, kind) else None
         if box is not None:
-            left, top, right, bottom = box
-            ring = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-            strokes.append(rectangle_stroke(regions.grid.places(ring), chain.ends))
+            _draw_rectangle(box, regions.grid, chain.ends, strokes, openings)
             continue
         known = meeting_line(regions, chain) if kind == CREASE else None
         strokes.append(straighten(corners, chain.ends, survey.working_pixel, known, options.straightening))
     join_ends(strokes, places, survey.working_pixel, options.straightening)
-    return LineDrawing(
-        frame, _merged(strokes, [kind for _, kind in drawn], survey.working_pixel, options.straightening), []
+    lines = _merged(
+        strokes, [STEP] * len(boxes) + [kind for _, kind in drawn], survey.working_pixel, options.straightening
     )
+    return LineDrawing(frame, lines, [], openings)
+
+
+def _openings(survey: Survey, regions: Regions, options: ElevationOptions) -> list[Array]:
+    """Return left, top, right, bottom of the openings in upright walls, in pixels of the map; none seen from above."""
+    if abs(regions.grid.frame.normal[2]) > LEANING:
+        return []
+    return find_openings(regions, render_grid(survey, regions.grid), survey.working_pixel, options.openings)
+
+
+def _is_within(chain: Chain, boxes: list[Array], slack: float) -> bool:
+    """Tell whether a chain lies in one of some rectangles, or so near to it that it is its frayed border: a loop by
+    most of its length, since it may have a spur."""
+    shares = [((chain.corners >= box[:2] - slack) & (chain.corners <= box[2:] + slack)).all(1).mean() for box in boxes]
+    return max(shares, default=0.0) >= (_LOOP_WITHIN if chain.closed else 1.0)
+
+
+def _draw_rectangle(
+    box: Array, grid: Grid, ends: tuple[int, int], strokes: list[Stroke], openings: list[Array]
+) -> None:
+    """Add left, top, right, bottom in pixels [4] to the strokes and openings of a drawing."""
+    left, top, right, bottom = box
+    ring = grid.places(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
+    strokes.append(rectangle_stroke(ring, ends))
+    openings.append(np.concatenate([ring[3], ring[1]]))
 
 
 def classify(
@@ -112,7 +150,9 @@ def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:
             (line.points >= low - slack).all() and (line.points <= high + slack).all() for low, high in boxes
         )
 
-    return LineDrawing(drawing.frame, [line for line in drawing.lines if outside(line)] + parts, drawing.areas)
+    return LineDrawing(
+        drawing.frame, [line for line in drawing.lines if outside(line)] + parts, drawing.areas, drawing.openings
+    )
 
 
 def _merged(strokes: list[Stroke], kinds: list[str], pixel: float, lines: StraightenOptions) -> list[Line]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -164,11 +164,16 @@ class Area:
 
 @dataclass(frozen=True)
 class LineDrawing:
-    """Lines on a frame, and the areas to be hatched."""
+    """Lines on a frame, and the areas to be hatched.
+
+    Attributes:
+        openings: windows, doors and bays that are drawn as rectangles: left, low, right, high in the drawing [4].
+    """
 
     frame: Frame
     lines: list[Line]
     areas: list[Area]
+    openings: list[Array] = field(default_factory=list)
 
 
 #: Layers of line drawings and their pen widths in millimetres, heaviest first.

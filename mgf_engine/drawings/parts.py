@@ -14,6 +14,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import PART, Array, Line, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.project import Grid, GridBuffers
+from mgf_engine.drawings.rectangles import align_edges
 from mgf_engine.drawings.straighten import StraightenOptions, straighten
 from mgf_engine.drawings.trace import trace
 from mgf_engine.texture.painting import Painting
@@ -116,7 +117,7 @@ def part_shapes(
                 boxes.append((name, box))
             else:
                 others.append((name, own, x, y))
-    corners = _aligned(np.array([box for _, box in boxes]).reshape(-1, 4), options)
+    corners = align_edges(np.array([box for _, box in boxes]).reshape(-1, 4), options.aligned)
     return [(name, box) for (name, _), box in zip(boxes, corners, strict=True)], others
 
 
@@ -165,18 +166,6 @@ def _crossing(rising: NDArray[np.float32], at: int) -> float:
         if 1 <= k < len(rising) and rising[k - 1] <= 0 < rising[k]:
             return k - 0.5 + float(rising[k - 1] / (rising[k - 1] - rising[k]))
     return float(at)
-
-
-def _aligned(boxes: Array, options: PartOutlineOptions) -> Array:
-    """Bring edges of rectangles [n, 4] that are nearly on one line onto it, column by column."""
-    result = boxes.copy()
-    for k in range(4):
-        order = np.argsort(boxes[:, k])
-        groups = np.split(order, np.flatnonzero(np.diff(boxes[order, k]) > options.aligned / 2) + 1)
-        for group in groups:
-            if len(group) and np.ptp(boxes[group, k]) <= options.aligned:
-                result[group, k] = boxes[group, k].mean()
-    return result
 
 
 def _polygon(own: NDArray[np.bool_], x: int, y: int, grid: Grid, options: StraightenOptions) -> Array:

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How well elevations draw windows, doors and gates: ``python -m benchmarks.openings JOB...``.
+
+Each job is of a generated scene and has its mesh. The rectangles that its elevations draw are compared with the
+openings of the building that the generator made: an opening is found where a rectangle overlaps it by half
+(intersection over union); it is missed otherwise. A rectangle that overlaps no opening by half is false.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from benchmarks.buildings import BUILDINGS
+from benchmarks.shapes import Part
+from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
+from mgf_engine.drawings.facades import FacadeOptions, find_facades
+from mgf_engine.drawings.load import UpOptions, read_survey
+from mgf_engine.drawings.model import Frame, Survey
+from mgf_engine.drawings.regions import survey_planes
+from mgf_engine.errors import BadInput
+from mgf_engine.evaluation.surfaces import Surface, read_surface
+from mgf_engine.job_folder import read_job, with_algorithms_of_job
+from mgf_engine.mesh.planar_options import PlanarOptions
+
+Array = NDArray[np.float64]
+FILLINGS = ("glass", "wood", "metal_door")  # of windows, doors and gates: one polygon over the whole opening
+OVERLAP = 0.5
+FACING = 0.98  # cosine between an opening and the elevation that shows it
+DEEP = 0.4  # metres in front of an opening's filling within which nothing else stands
+
+
+@dataclass(frozen=True)
+class Score:
+    """What became of the openings of one job; ``off`` are the distances of the corners of those found, metres."""
+
+    openings: int
+    found: int
+    false: int
+    off: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the corners, millimetres; NaN where nothing was found."""
+        return 1000 * float(np.sqrt(np.mean(self.off**2))) if len(self.off) else float("nan")
+
+
+def true_openings(parts: Sequence[Part]) -> list[Array]:
+    """Return the corners of each opening of a building, [4, 3], scene frame."""
+    return [
+        part.vertices[list(face)]
+        for part in parts
+        if part.building and part.material in FILLINGS and _is_opening(part.element)
+        for face in part.faces
+        if len(face) == 4
+    ]
+
+
+def _is_opening(element: str) -> bool:
+    return any(kind in element.rpartition(".")[2] for kind in ("window", "door", "gate"))
+
+
+def boxes_in(openings: Sequence[Array], frame: Frame, survey: Survey, truth: Surface) -> Array:
+    """Return left, low, right, high of the openings that an elevation shows, [N, 4]."""
+    toward = survey.turn.T @ frame.normal @ survey.georeference.rotation  # scene frame
+    boxes = []
+    for corners in openings:
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        if normal @ toward < FACING * np.linalg.norm(normal):
+            continue
+        begin = corners.mean(0) + 100.0 * toward
+        face, share = truth.first_hits(begin, (corners.mean(0) - begin)[None])
+        if face[0] >= 0 and 100.0 * (1 - share[0]) > DEEP:
+            continue
+        at = frame.to_drawing(survey.local(corners))[:, :2]
+        boxes.append(np.concatenate([at.min(0), at.max(0)]))
+    return np.array(boxes).reshape(-1, 4)
+
+
+def overlaps(one: Array, other: Array) -> Array:
+    """Return the intersection over union of each of ``one`` [N, 4] with each of ``other`` [M, 4], [N, M]."""
+    low = np.maximum(one[:, None, :2], other[None, :, :2])
+    high = np.minimum(one[:, None, 2:], other[None, :, 2:])
+    both = np.prod(np.maximum(high - low, 0), axis=2)
+    areas = [np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) for boxes in (one, other)]
+    return np.asarray(both / (areas[0][:, None] + areas[1][None] - both))
+
+
+def compare(true: Array, drawn: Array) -> Score:
+    """Match drawn rectangles [M, 4] with true ones [N, 4]."""
+    overlap = overlaps(true, drawn)
+    rows, columns = linear_sum_assignment(overlap, maximize=True)
+    good = overlap[rows, columns] >= OVERLAP
+    apart = (true[rows[good]] - drawn[columns[good]])[:, [[0, 1], [0, 3], [2, 1], [2, 3]]]
+    return Score(len(true), int(good.sum()), len(drawn) - int(good.sum()), np.linalg.norm(apart, axis=2).ravel())
+
+
+def score(job: Path) -> Score:
+    """Compare all elevations of a job with the truth of its scene.
+
+    Raises:
+        BadInput: the scene is not a generated one, or the job has no mesh.
+    """
+    scene = Path(read_job(job)["source"])
+    try:
+        spec = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["spec"]
+    except (OSError, ValueError, KeyError) as error:
+        raise BadInput(f"'{scene}' is no generated scene; give jobs of scenes that benchmarks.scenes made.") from error
+    openings = true_openings(BUILDINGS[spec["building"]](spec["wall"]))
+    truth, config = read_surface(scene / "truth.ply"), with_algorithms_of_job(job, {})
+    survey = read_survey(job, options=config.algorithm(UpOptions))
+    planes = survey_planes(survey, config.algorithm(PlanarOptions))
+    scores = []
+    for facade in find_facades(survey, config.algorithm(FacadeOptions)):
+        drawing = draw_elevation(survey, planes, facade.frame, config.algorithm(ElevationOptions))
+        true = boxes_in(openings, facade.frame, survey, truth)
+        scores.append(compare(true, np.array(drawing.openings).reshape(-1, 4)))
+    return Score(
+        sum(s.openings for s in scores), sum(s.found for s in scores), sum(s.false for s in scores),
+        np.concatenate([s.off for s in scores]),
+    )  # fmt: skip
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print a table, a row for each job."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.openings", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("jobs", type=Path, nargs="+", metavar="JOB", help="job folder of a generated scene")
+    args = parser.parse_args(argv)
+    print("| scene | openings | found | missed | false | RMS of corners, mm |\n|---|---|---|---|---|---|")
+    for job in args.jobs:
+        s = score(job)
+        name = Path(read_job(job)["source"]).name
+        print(f"| {name} | {s.openings} | {s.found} | {s.openings - s.found} | {s.false} | {s.rms:.0f} |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
