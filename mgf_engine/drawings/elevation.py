@@ -72,7 +72,8 @@ def draw_elevation(
             _draw_rectangle(box, regions.grid, chain.ends, strokes, openings)
             continue
         known = meeting_line(regions, chain) if kind == CREASE else None
-        strokes.append(straighten(corners, chain.ends, survey.working_pixel, known, options.straightening))
+        frayed = kind != OUTLINE
+        strokes.append(straighten(corners, chain.ends, survey.working_pixel, known, options.straightening, frayed))
     join_ends(strokes, places, survey.working_pixel, options.straightening)
     lines = _merged(
         strokes, [STEP] * len(boxes) + [kind for _, kind in drawn], survey.working_pixel, options.straightening

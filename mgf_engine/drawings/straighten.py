@@ -3,7 +3,8 @@
 
 A chain is split where it turns (Douglas and Peucker), a line of least squares is put through each part, or the line
 where its two planes meet; nearly level and upright lines become so; neighbours are brought to where they cross, and
-chains that meet in one place end in one point. No point moves further than a few pixels, no long line by more than one.
+chains that meet in one place end in one point. No point moves further than a few pixels, no long line by more than one,
+except where a border is frayed (:mod:`mgf_engine.drawings.fraying`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.drawings.fraying import FrayOptions, LevelPart, level_parts
 
 Array = NDArray[np.float64]
 
@@ -39,6 +41,7 @@ class StraightenOptions:
     same_angle: float = parameter(1.5, "Largest angle between two lines that are merged", "degrees", high=90)
     corner: float = parameter(2.5, "Length at both ends of a part that its line is not fitted to", "ground px")
     same_distance: float = parameter(0.6, "Largest distance between two lines that are merged", "ground px")
+    fray: FrayOptions = FrayOptions()
 
 
 @dataclass
@@ -87,6 +90,7 @@ def straighten(
     pixel: float,
     known: Array | None = None,
     options: StraightenOptions = StraightenOptions(),
+    frayed: bool = False,
 ) -> Stroke:
     """Return a chain as straight runs.
 
@@ -96,13 +100,23 @@ def straighten(
         pixel: a ground pixel.
         known: line (a, b, c) with ``a x + b y + c = 0`` and (a, b) of length 1 where the planes on both sides meet.
         options: how far a run may leave the chain, and what counts as level or upright.
+        frayed: whether the chain may wander about a level or upright line, as borders between regions do.
     """
     closed = ends[0] == ends[1]
     if closed:
         corners = _begun_at_longest(_begun_at_a_corner(corners), options.split * pixel)
     breaks = douglas_peucker(corners, options.split * pixel)
-    runs = [_run(corners[i : j + 1], pixel, known, options) for i, j in pairwise(breaks)]
-    at = corners[breaks]
+    parts = {part.first: part for part in level_parts(corners, breaks, pixel, options.fray)} if frayed else {}
+    within = {row for part in parts.values() for row in breaks if part.first < row < part.last}
+    breaks = [row for row in breaks if row not in within]
+    runs = [
+        _level_run(corners, parts[i]) if i in parts else _run(corners[i : j + 1], pixel, known, options)
+        for i, j in pairwise(breaks)
+    ]
+    at = corners[breaks].copy()
+    for row, part in parts.items():
+        k = breaks.index(row)
+        at[k : k + 2, 1 - part.axis] = part.value
     runs, at = _without_short(runs, at, pixel, closed, options)
     points = at.copy()
     for k in range(1, len(runs)):
@@ -221,6 +235,14 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
     else:
         along = span / max(length, 1e-300)
     return _true(Run(centre, along * (np.sign(along @ span) or 1.0), length), pixel, options)
+
+
+def _level_run(corners: Array, part: LevelPart) -> Run:
+    """Return the level or upright line of a frayed part of a chain."""
+    ends = corners[[part.first, part.last]].copy()
+    ends[:, 1 - part.axis] = part.value
+    span = ends[1] - ends[0]
+    return Run(ends.mean(0), np.sign(span), float(np.abs(span).max()))
 
 
 def _true(run: Run, pixel: float, options: StraightenOptions) -> Run:
