@@ -99,6 +99,11 @@ class PlaneOptions:
     least: float = parameter(40.0, "Minimum length of lines that a plane carries", "px")
     grid: float = parameter(12.0, "Distance between the points on a plane", "px", low=1)
     reach: float = parameter(12.0, "Distance that a plane extends beyond its lines", "px")
+    both_ways: float = parameter(
+        0.1,
+        "Share of its lines along either side from which a plane covers their rectangle, not their convex hull",
+        high=1,
+    )
     layer: float = parameter(4.0, "Distance of parallel planes of which only the stronger one fills bare areas", "px")
     crease: float = parameter(5.0, "Distance between points where planes meet", "px", low=1)
     direction_angle: float = parameter(3.0, "Maximum angle between a line and its dominant direction", "degrees")

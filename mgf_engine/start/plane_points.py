@@ -17,7 +17,7 @@ from mgf_engine.start.planes import LinePlanes
 def plane_points(
     planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, o: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Place points every ``o.grid`` px on each plane, over the convex hull of its lines.
+    """Place points every ``o.grid`` px on each plane, over the area of its lines.
 
     A plane just beside a stronger parallel one (a pane, a frame) has points near its own lines only, since nothing else
     tells which of the two a bare stretch lies on. Where stereo points lie beside the plane there are none.
@@ -36,13 +36,15 @@ def plane_points(
     tree = cKDTree(dense) if len(dense) else None
     for k, plane in enumerate(planes.planes):
         ends = np.stack([lines[n].ends for n in planes.members[k]])
-        along, down = _axes(plane[:3], ends[0, 1] - ends[0, 0])
+        axes = _axes(plane[:3], ends)
+        ends = ends @ axes.T
         uv = np.concatenate([np.linspace(p, q, 2 + int(np.linalg.norm(q - p) / (4 * pixel))) for p, q in ends])
-        uv = np.stack([uv @ along, uv @ down], 1)
         flat = _grid(uv, o.grid * pixel, o.reach * pixel)
+        if not _both_ways(ends, o):
+            flat = flat[_in_hull(flat, uv, o.reach * pixel)]
         if len(flat) and _beside_stronger(planes, k, pixel, o):
             flat = flat[cKDTree(uv).query(flat)[0] < o.reach * pixel]
-        points = flat[:, :1] * along + flat[:, 1:] * down - plane[3] * plane[:3]
+        points = flat @ axes - plane[3] * plane[:3]
         if tree is not None and len(points):
             points = points[~_contradicted(points, plane, tree, pixel, o)]
         found.append(points)
@@ -73,23 +75,46 @@ def _contradicted(
     return result
 
 
-def _axes(normal: NDArray[np.float64], towards: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two orthogonal unit vectors [3] of a plane, the first along ``towards`` [3]."""
-    along = towards - (towards @ normal) * normal
-    along = along / np.linalg.norm(along)
-    return along, np.cross(normal, along)
+def _axes(normal: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return two orthogonal unit vectors of a plane, [2, 3], along most of the length of its lines.
+
+    Args:
+        normal: of the plane, [3].
+        ends: of lines on it, [L, 2, 3].
+    """
+    along = np.linalg.svd(normal[None])[2][1]
+    across = np.cross(normal, along)
+    run = (ends[:, 1] - ends[:, 0]) @ np.stack([along, across], 1) @ (1, 1j)
+    turn = np.angle((run**4 / np.maximum(np.abs(run), 1e-12) ** 3).sum()) / 4  # the same for a quarter turn
+    along = np.cos(turn) * along + np.sin(turn) * across
+    return np.stack([along, np.cross(normal, along)])
 
 
 def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.float64]:
-    """Return points [N, 2] of a grid over the convex hull of ``uv`` [M, 2], grown by ``reach``."""
+    """Return points [N, 2] of a grid over the rectangle around ``uv`` [M, 2], grown by ``reach``."""
     low, high = uv.min(0) - reach, uv.max(0) + reach
     axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+
+
+def _both_ways(ends: NDArray[np.float64], o: PlaneOptions) -> bool:
+    """Tell whether lines [L, 2, 2] run along both axes: as the foot and a corner of a wall, which tell its rectangle.
+
+    Lines along one axis may be chords of a vault.
+    """
+    run = np.abs(ends[:, 1] - ends[:, 0])
+    length = np.linalg.norm(run, axis=1)
+    along = (length[:, None] * (run[:, ::-1] < np.sin(np.deg2rad(o.parallel)) * length[:, None])).sum(0)
+    return bool(along.min() >= o.both_ways * length.sum())
+
+
+def _in_hull(points: NDArray[np.float64], uv: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
+    """Tell which points [N, 2] lie in the convex hull of ``uv`` [M, 2], grown by ``reach``; none where it is a line."""
     try:
         hull = ConvexHull(uv)
-    except QhullError:  # all lines on one
-        return np.zeros((0, 2))
-    return np.asarray(grid[(grid @ hull.equations[:, :2].T + hull.equations[:, 2]).max(1) < reach])
+    except QhullError:
+        return np.zeros(len(points), bool)
+    return np.asarray((points @ hull.equations[:, :2].T + hull.equations[:, 2]).max(1) < reach)
 
 
 def crease_points(

@@ -72,12 +72,32 @@ def test_a_plane_is_covered_by_points_but_not_where_dense_ones_lie_beside_it() -
     points, owner = plane_points(planes, lines, np.zeros((0, 3)), PIXEL, o)
     np.testing.assert_allclose(points[:, 2], 1.0, atol=1e-9)
     assert len(points) > 0.9 * (2 / (o.grid * PIXEL)) ** 2 and not owner.any()
-    x, y = np.meshgrid(np.arange(1.3, 2.0, 0.03), np.arange(0, 2.0, 0.03))
+    x, y = np.meshgrid(np.arange(1.3, 2.0, 0.03), np.arange(-0.2, 2.2, 0.03))
     vault = np.stack([x.ravel(), y.ravel(), np.full(x.size, 1.05)], 1)
     fewer, _ = plane_points(planes, lines, vault, PIXEL, o)
     assert ((fewer[:, 0] < 1.3) | (fewer[:, 0] > 2.0)).all() and len(fewer) > 0.5 * len(points)
     same, _ = plane_points(planes, lines, vault - [0, 0, 0.05], PIXEL, o)
     assert len(same) == len(points)
+
+
+def test_foot_and_corner_of_a_wall_tell_all_of_it() -> None:
+    o = PlaneOptions()
+    wall = LinePlanes(np.array([[0, 1.0, 0, 0]]), [[0, 1]], np.ones(1))
+    foot, corner = line([0, 0, 0], [3, 0, 0]), line([3, 0, 0], [3, 0, 2])
+    points, _ = plane_points(wall, [foot, corner], np.zeros((0, 3)), PIXEL, o)
+    opposite = (points[:, 0] < 1) & (points[:, 2] > 1)
+    assert opposite.sum() > 0.9 / (o.grid * PIXEL) ** 2
+    np.testing.assert_allclose(points[:, 1], 0, atol=1e-12)
+
+
+def test_lines_of_one_direction_tell_no_more_than_their_hull() -> None:
+    o = PlaneOptions()
+    chord = LinePlanes(np.array([[0, 1.0, 0, 0]]), [[0, 1]], np.ones(1))
+    ridge, eave = line([0, 0, 2], [3, 0, 2]), line([2, 0, 0], [3, 0, 0])
+    points, _ = plane_points(chord, [ridge, eave], np.zeros((0, 3)), PIXEL, o)
+    assert len(points) and not ((points[:, 0] < 0.5) & (points[:, 2] < 0.5)).any()
+    along_one = [line([0, 0, 0], [3, 0, 0]), line([4, 0, 0], [5, 0, 0])]
+    assert not len(plane_points(chord, along_one, np.zeros((0, 3)), PIXEL, o)[0])  # no area
 
 
 def test_creases_lie_on_both_planes() -> None:
