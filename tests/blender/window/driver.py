@@ -99,6 +99,17 @@ class Window:
             self.shot("timeout")
             raise RuntimeError("Blender did not quit.") from error
 
+    def begin(self) -> None:
+        """Empty the scene and show our tab in the sidebar."""
+        self.tell('py bpy.context.preferences.view.filebrowser_display_type = "SCREEN"')
+        self.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
+        self.tell('py bpy.ops.ed.undo_push(message="empty")')
+        self.tell("editor VIEW_3D")
+        self.wait("the sidebar", lambda s: s["regions"]["UI"][2] > 100)
+        time.sleep(2)
+        self.tell("tab")
+        time.sleep(1)
+
     def state(self) -> dict:
         """What the helper last said."""
         try:

@@ -39,25 +39,13 @@ def main() -> int:
     count = sum(1 for _ in photos.iterdir())
     window = open_with_addon(args.blender, out)
     try:
-        begin(window, args.engine)
+        window.tell(f"py p = {PREFERENCES}; p.engine_source, p.engine_path = 'EXISTING', {str(args.engine)!r}")
+        window.begin()
         import_photos(window, photos, count)
         reconstruct(window, args.scene / "prompts.json")
     finally:
         window.close()
     return 0
-
-
-def begin(window: Window, engine: Path) -> None:
-    """An empty scene, the engine, and our tab in the sidebar."""
-    window.tell(f"py p = {PREFERENCES}; p.engine_source, p.engine_path = 'EXISTING', {str(engine)!r}")
-    window.tell('py bpy.context.preferences.view.filebrowser_display_type = "SCREEN"')
-    window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
-    window.tell('py bpy.ops.ed.undo_push(message="empty")')
-    window.tell("editor VIEW_3D")
-    window.wait("the sidebar", lambda s: s["regions"]["UI"][2] > 100)
-    time.sleep(2)
-    window.tell("tab")
-    time.sleep(1)
 
 
 def import_photos(window: Window, photos: Path, count: int) -> None:

@@ -32,7 +32,7 @@ def main() -> int:
     house = synthetic.write_house(out / "house")
     window = open_with_addon(args.blender, out)
     try:
-        begin(window)
+        window.begin()
         for name, command, test in steps(house):
             window.tell(command)
             window.wait(name, test, 60)
@@ -42,18 +42,6 @@ def main() -> int:
     finally:
         window.close()
     return 0
-
-
-def begin(window: Window) -> None:
-    """Empty the scene and show our tab in the sidebar."""
-    window.tell('py bpy.context.preferences.view.filebrowser_display_type = "SCREEN"')
-    window.tell("py [bpy.data.objects.remove(o) for o in list(bpy.data.objects)]")
-    window.tell('py bpy.ops.ed.undo_push(message="empty")')
-    window.tell("editor VIEW_3D")
-    window.wait("the sidebar", lambda s: s["regions"]["UI"][2] > 100)
-    time.sleep(2)
-    window.tell("tab")
-    time.sleep(1)
 
 
 def steps(house: synthetic.House) -> list[tuple]:

@@ -13,6 +13,16 @@ typedef struct {
     const int32_t *faces, *start, *corner;
 } Around;
 
+// Vertices from .from up to .to, for one thread.
+typedef struct {
+    int64_t from, to;
+} Piece;
+
+static inline Piece take_piece(int32_t *next, int64_t vertices) {
+    const int64_t from = take_work(next) * (int64_t)PIECE;
+    return (Piece){from, from + PIECE < vertices ? from + PIECE : vertices};
+}
+
 static inline int32_t next_of(const int32_t *faces, int32_t c) { return faces[c % 3 == 2 ? c - 2 : c + 1]; }
 static inline int32_t previous_of(const int32_t *faces, int32_t c) { return faces[c % 3 == 0 ? c + 2 : c - 1]; }
 
@@ -58,10 +68,8 @@ static int join_fans(const Around *a, int64_t v, int32_t *parent) {
 MGF_API void mgf_vertex_fans(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                        const int32_t *corner, int32_t *fan, int32_t *fans) {
     const Around a = {faces, start, corner};
-    for (;;) {
-        const int64_t from = take_work(next) * (int64_t)PIECE, to = from + PIECE < vertices ? from + PIECE : vertices;
-        if (from >= vertices) return;
-        for (int64_t v = from; v < to; v++) {
+    for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
+        for (int64_t v = piece.from; v < piece.to; v++) {
             int32_t *own = fan + start[v], number = 0;
             const int32_t count = start[v + 1] - start[v], *c = corner + start[v];
             const int twisted = join_fans(&a, v, own);
@@ -110,10 +118,8 @@ MGF_API void mgf_face_components(int64_t vertices, int64_t count, const int32_t 
 MGF_API void mgf_open_edges(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                              const int32_t *corner, uint8_t *open) {
     const Around a = {faces, start, corner};
-    for (;;) {
-        const int64_t from = take_work(next) * (int64_t)PIECE, to = from + PIECE < vertices ? from + PIECE : vertices;
-        if (from >= vertices) return;
-        for (int64_t v = from; v < to; v++)
+    for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
+        for (int64_t v = piece.from; v < piece.to; v++)
             for (int32_t i = start[v]; i < start[v + 1]; i++)
                 open[corner[i]] = uses(&a, v, next_of(faces, corner[i])) == 1;
     }
@@ -122,10 +128,8 @@ MGF_API void mgf_open_edges(int32_t *next, int64_t vertices, const int32_t *face
 /* Moves vertices [vertices][3] half way to the mean of their neighbours, but for those that are fixed. */
 MGF_API void mgf_smooth_vertices(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                          const int32_t *corner, const uint8_t *fixed, const double *at, double *moved) {
-    for (;;) {
-        const int64_t from = take_work(next) * (int64_t)PIECE, to = from + PIECE < vertices ? from + PIECE : vertices;
-        if (from >= vertices) return;
-        for (int64_t v = from; v < to; v++) {
+    for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
+        for (int64_t v = piece.from; v < piece.to; v++) {
             double sum[3] = {0, 0, 0};
             int count = 0;
             for (int32_t i = start[v]; i < start[v + 1] && !fixed[v]; i++) {
@@ -153,10 +157,8 @@ MGF_API void mgf_smooth_vertices(int32_t *next, int64_t vertices, const int32_t 
 /* Sums of the normals of the faces around each vertex, weighted by twice their areas: normal [vertices][3]. */
 MGF_API void mgf_vertex_normals(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
                                  const int32_t *corner, const double *at, double *normal) {
-    for (;;) {
-        const int64_t from = take_work(next) * (int64_t)PIECE, to = from + PIECE < vertices ? from + PIECE : vertices;
-        if (from >= vertices) return;
-        for (int64_t v = from; v < to; v++) {
+    for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
+        for (int64_t v = piece.from; v < piece.to; v++) {
             double sum[3] = {0, 0, 0};
             for (int32_t i = start[v]; i < start[v + 1]; i++) {
                 const int32_t *f = faces + corner[i] / 3 * (int64_t)3;
