@@ -135,8 +135,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     print("| scene | openings | found | missed | false | RMS of corners, mm |\n|---|---|---|---|---|---|")
     for job in args.jobs:
-        s = score(job)
-        name = Path(read_job(job)["source"]).name
+        s, scene = score(job), Path(read_job(job)["source"])
+        name = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["name"]
         print(f"| {name} | {s.openings} | {s.found} | {s.openings - s.found} | {s.false} | {s.rms:.0f} |", flush=True)
     return 0
 
