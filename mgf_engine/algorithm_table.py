@@ -134,6 +134,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("tetrahedra", "mesh", "Points that the tetrahedra join", "mesh.tetrahedra:TetrahedraOptions"),
     Algorithm("mesh_parts", "mesh", "Vote of the photos on the parts of faces", "mesh.parts:FacePartOptions"),
     Algorithm("component_filter", "mesh", "Parts of the mesh that no click belongs to", "mesh.component_filter:ComponentFilterOptions"),
+    Algorithm("mesh_border", "mesh", "Removal of what no photo shows along the border of the mesh", "mesh.border_smoothing:MeshBorderOptions"),
     # deliver
     Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),
     Algorithm("texture_views", "deliver", "Choice of the photo that paints a face", "texture.view_selection:ViewSelectionOptions", also=("drawings", "models")),

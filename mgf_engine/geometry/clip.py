@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cut a mesh off at planes, for the crop box: triangles across a plane are split, vertices on the cut are shared."""
+"""Cut a mesh off at planes or along a level: triangles across it are split, vertices on the cut are shared."""
 
 from __future__ import annotations
 
@@ -22,7 +22,14 @@ def clip(mesh: Mesh, planes: NDArray[np.float64]) -> Mesh:
 
 
 def _clip_one(mesh: Mesh, plane: NDArray[np.float64]) -> Mesh:
-    side = mesh.vertices @ plane[:3] + plane[3]
+    return clip_level(mesh, mesh.vertices @ plane[:3] + plane[3])
+
+
+def clip_level(mesh: Mesh, side: NDArray[np.float64]) -> Mesh:
+    """Cut a mesh to where a function of its vertices [N], linear in its faces, is not negative; cuts stay open.
+
+    Where the function is zero at a corner, faces may come out with two corners at one place.
+    """
     inside = side >= 0
     count = inside[mesh.faces].sum(1)
     if (count == 3).all():
@@ -49,7 +56,7 @@ def _turned(faces: NDArray[np.int32], lone: NDArray[np.bool_]) -> NDArray[np.int
 
 
 def _with_cuts(mesh: Mesh, side: NDArray[np.float64], cut: NDArray[np.int32]) -> tuple[Mesh, NDArray[np.int64]]:
-    """Return the mesh with a vertex where each edge of ``cut`` [C, 2] meets the plane, and the index of each, [C].
+    """Return the mesh with a vertex where each edge of ``cut`` [C, 2] crosses zero, and the index of each, [C].
 
     Colours are those between the ends, values those of the nearer end (they may be counts or labels).
     """

@@ -12,6 +12,7 @@ import numpy as np
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
+from mgf_engine.mesh.border_smoothing import trim_border
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
@@ -88,6 +89,9 @@ def extract_mesh(
     if options.flatten:
         with timed_part(times, "planes"):
             mesh = flatten_mesh(mesh, trusted, options)
+    if options.drop_unseen:
+        with timed_part(times, "borders"):
+            mesh = trim_mesh(mesh, field, trusted, options)
     with timed_part(times, "colours"):
         mesh = color_mesh(crop_mesh(mesh, options.close_bottom, box), scene, trusted, options.colors, reporter)
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(mesh.faces))
@@ -198,6 +202,22 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     size = pixel.astype(np.float64)
     photos = see_vertices(mesh, size, trusted.views, trusted.photos.grey, options.patches)
     return extend_planes(mesh, flat, size, planes, photos, options.extension)
+
+
+def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
+    """Remove along the border of a mesh what no photo shows, up to a smooth line.
+
+    Args:
+        mesh: normalised frame.
+        field: tells what is confirmed; one of opacity tells nothing.
+        trusted: the photos, which tell the size of a pixel.
+        options: of the border, and which holes are small.
+    """
+    known = field.known(mesh.vertices)
+    if "views" not in known:
+        return mesh
+    pixel = ground_pixels(mesh, trusted.views)
+    return trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)
 
 
 def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:

@@ -46,7 +46,7 @@ def fill_holes(
             real opening and stays.
     """
     limit = np.broadcast_to(np.asarray(longest, np.float64), len(mesh.vertices))
-    loops = [loop for loop in boundary_loops(mesh) if _rim_length(mesh, loop) <= np.median(limit[loop])]
+    loops = [loop for loop in boundary_loops(mesh) if rim_length(mesh, loop) <= np.median(limit[loop])]
     if not loops:
         return mesh
     middles = np.stack([mesh.vertices[loop].mean(0) for loop in loops])
@@ -57,7 +57,8 @@ def fill_holes(
     return _with_fans(mesh, [loop for loop, kept_open in zip(loops, opening, strict=True) if not kept_open])
 
 
-def _rim_length(mesh: Mesh, loop: NDArray[np.int32]) -> float:
+def rim_length(mesh: Mesh, loop: NDArray[np.int32]) -> float:
+    """Measure a closed loop of vertices [L], in the mesh's units."""
     rim = mesh.vertices[loop]
     return float(np.linalg.norm(rim - np.roll(rim, -1, axis=0), axis=1).sum())
 

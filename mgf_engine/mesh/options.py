@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
+from mgf_engine.mesh.border_smoothing import MeshBorderOptions
 from mgf_engine.mesh.colors import ColorOptions
 from mgf_engine.mesh.component_filter import ComponentFilterOptions
 from mgf_engine.mesh.extend_planes import PlaneExtensionOptions
@@ -75,6 +76,7 @@ class ExtractionOptions:
     clustering: PlanarClusteringOptions = PlanarClusteringOptions()
     volumes: UnobservedVolumeOptions = UnobservedVolumeOptions()
     votes: MaskVoteOptions = MaskVoteOptions()
+    borders: MeshBorderOptions = MeshBorderOptions()
     components: ComponentFilterOptions = ComponentFilterOptions()
     refinement: RefinementOptions = RefinementOptions()
     planes: PlanarOptions = PlanarOptions()

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""End a mesh cleanly: what no photos confirm along its border goes, up to a smooth line.
+
+Removing whole faces leaves teeth as large as they are, ragged where votes change from face to face. Here what stays
+is a function on the mesh, 1 and 0; heat flows for a moment, and the mesh is cut where 0.5 is left. Repeated, borders
+move by mean curvature (Merriman, Bence and Osher 1992): lines stay lines, while teeth, thin strips and narrow bays go.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sparse
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.clean import face_areas, open_edges, parts, split_nonmanifold, weld, with_faces
+from mgf_engine.geometry.clip import clip_level
+from mgf_engine.mesh.holes import boundary_loops, rim_length
+from mgf_engine.model.mesh import Mesh
+
+_REACH = 4.0  # standard deviations of the heat kernel beyond which nothing changes
+_STEPS = 3  # of implicit Euler
+#: Name of the vertices' values, int32 [N]: the part that each was of.
+_PART = "part"
+
+
+@dataclass(frozen=True)
+class MeshBorderOptions:
+    """Options of the borders where faces are removed."""
+
+    spread: float = parameter(
+        3.0,
+        "Spread of the heat that straightens a border; teeth and strips up to 1.3 of it wide go, 0 cuts whole faces",
+        "ground px",
+    )
+    snap: float = parameter(0.25, "Share of an edge below which its end moves onto the cut", high=0.5)
+    photos: int = parameter(
+        1, "Number of photos that must show a face that hangs together with the border; 0 leaves all", low=0
+    )
+    fallen: float = parameter(
+        0.01, "Minimum area of what the fringe held, as a share of the largest part; smaller pieces go with it", high=1
+    )
+    weights: tuple[float, float] = parameter((0.05, 3.0), "Bounds of the cotangent weights of edges", low=1e-3)
+
+
+def trim_border(
+    mesh: Mesh,
+    views: NDArray[np.integer],
+    pixel: NDArray[np.floating],
+    hole: NDArray[np.floating],
+    o: MeshBorderOptions = MeshBorderOptions(),
+) -> Mesh:
+    """Remove the unconfirmed fringe of a mesh's border, up to a smooth line, and what falls off with it.
+
+    Args:
+        mesh: of any frame, a manifold.
+        views: number of photos that show each vertex, [N].
+        pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
+        hole: length of the rim below which an open loop is a hole that will be closed, no border, [N].
+        o: how many photos must show it, how smooth, and which part is too small.
+    """
+    kept = confirmed_to_the_border(mesh, views, hole, o)
+    if kept.all() or not kept.any():
+        return mesh
+    before = parts(mesh)
+    cut = remove_faces(replace(mesh, values={**mesh.values, _PART: _of_vertices(mesh, before)}), kept, pixel, o)
+    areas = face_areas(cut)
+    label = parts(cut)
+    area = np.bincount(label, areas)
+    # A chimney that stands apart was asked for already: it stays, however small.
+    whole = np.bincount(before, face_areas(mesh))[cut.values[_PART][cut.faces[:, 0]]]
+    stays = (area[label] >= o.fallen * area.max(initial=0.0)) | (area[label] > 0.5 * whole)
+    values = {name: value for name, value in cut.values.items() if name != _PART}
+    return split_nonmanifold(with_faces(replace(cut, values=values), cut.faces[stays]))
+
+
+def _of_vertices(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the part of each vertex, int32 [N]; ``part``: of each face, [F]."""
+    result = np.zeros(len(mesh.vertices), np.int32)
+    result[mesh.faces] = part[:, None]
+    return result
+
+
+def confirmed_to_the_border(
+    mesh: Mesh,
+    views: NDArray[np.integer],
+    hole: NDArray[np.floating],
+    o: MeshBorderOptions = MeshBorderOptions(),
+) -> NDArray[np.bool_]:
+    """Find the faces that are no unconfirmed fringe of the border, bool [F].
+
+    A face is confirmed where photos show two of its corners. What none shows stays where confirmed surface is all
+    around it: it closes a hole.
+
+    Args:
+        mesh: of any frame.
+        views: number of photos that show each vertex, [N].
+        hole: length of the rim below which an open loop is a hole that will be closed, no border, [N].
+        o: how many photos must show it.
+    """
+    kept = np.ones(len(mesh.faces), bool)
+    rows = np.flatnonzero((views[mesh.faces] >= o.photos).sum(1) < 2)
+    if not len(rows):
+        return kept
+    border = np.zeros(len(mesh.vertices), bool)
+    border[np.concatenate(open_edges(mesh))] = True
+    for loop in boundary_loops(mesh):
+        if rim_length(mesh, loop) <= np.median(hole[loop]):
+            border[loop] = False
+    label = parts(replace(mesh, faces=mesh.faces[rows]))
+    at_border = np.zeros(label.max() + 1, bool)
+    at_border[label[border[mesh.faces[rows]].any(1)]] = True
+    kept[rows[at_border[label]]] = False
+    return kept
+
+
+def remove_faces(
+    mesh: Mesh, kept: NDArray[np.bool_], pixel: NDArray[np.floating], o: MeshBorderOptions = MeshBorderOptions()
+) -> Mesh:
+    """Remove faces, with a smooth border between those and the others.
+
+    Args:
+        mesh: of any frame, a manifold.
+        kept: faces that stay, bool [F].
+        pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
+        o: how smooth.
+    """
+    if o.spread <= 0 or kept.all() or not kept.any():
+        return with_faces(mesh, mesh.faces[kept])
+    areas = face_areas(mesh)
+    whole = np.maximum(np.bincount(mesh.faces.ravel(), np.repeat(areas, 3), len(mesh.vertices)), 1e-300)
+    stays = np.bincount(mesh.faces.ravel(), np.repeat(areas * kept, 3), len(mesh.vertices)) / whole
+    level = _diffused(mesh, stays, np.asarray(pixel, np.float64), o) - 0.5
+    return weld(clip_level(*_snapped(mesh, level, o.snap)))
+
+
+def _diffused(mesh: Mesh, value: NDArray[np.float64], pixel: NDArray[np.float64], o: MeshBorderOptions
+              ) -> NDArray[np.float64]:  # fmt: skip
+    """Return values [N] after the heat has spread by ``o.spread``; those far from any change stay."""
+    mixed = (value > 0) & (value < 1)
+    if not mixed.any():
+        return value
+    at = mesh.vertices
+    reach = _REACH * o.spread * pixel
+    away, _ = cKDTree(at[mixed]).query(at, distance_upper_bound=float(reach.max()))
+    near = np.flatnonzero(away <= reach)
+    place = np.full(len(at), -1)
+    place[near] = np.arange(len(near))
+    faces = place[mesh.faces[(place[mesh.faces] >= 0).all(1)]]
+    flow, area = _laplacian(at[near], faces, o)
+    time = 0.5 * (o.spread * pixel[near]) ** 2 / _STEPS
+    solve = splu((sparse.diags(area) + sparse.diags(np.sqrt(time)) @ flow @ sparse.diags(np.sqrt(time))).tocsc())
+    result = value.copy()
+    for _ in range(_STEPS):
+        result[near] = solve.solve(area * result[near])
+    return result
+
+
+def _laplacian(
+    at: NDArray[np.float64], faces: NDArray[np.integer], o: MeshBorderOptions
+) -> tuple[sparse.csr_matrix, NDArray[np.float64]]:
+    """Return the positive Laplacian by bounded cotangents, [N, N], and a third of the area around each vertex, [N]."""
+    a, b, c = (at[faces[:, k]] for k in range(3))
+    doubled = np.maximum(np.linalg.norm(np.cross(b - a, c - a), axis=1), 1e-300)
+    pairs, amounts = [], []
+    for k in range(3):
+        i, j, far = (faces[:, (k + s) % 3] for s in range(3))
+        cotangent = np.einsum("ij,ij->i", at[i] - at[far], at[j] - at[far]) / doubled
+        pairs.append(np.stack([i, j]))
+        amounts.append(0.5 * np.clip(cotangent, *o.weights))
+    (i, j), amount = np.concatenate(pairs, 1), np.concatenate(amounts)
+    count = len(at)
+    weight = sparse.coo_matrix((np.r_[amount, amount], (np.r_[i, j], np.r_[j, i])), (count, count)).tocsr()
+    area = np.bincount(faces.ravel(), np.repeat(doubled / 6, 3), count)
+    return sparse.diags(np.asarray(weight.sum(1)).ravel()) - weight, np.maximum(area, 1e-9 * doubled.max(initial=1.0))
+
+
+def _snapped(mesh: Mesh, level: NDArray[np.float64], snap: float) -> tuple[Mesh, NDArray[np.float64]]:
+    """Return the mesh and level [N] with vertices close to the cut moved onto it, along the edge that is shortest to
+    go: no slivers."""
+    a, b = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    a, b = np.r_[a, b], np.r_[b, a]
+    crossed = level[a] * level[b] < 0
+    a, b = a[crossed], b[crossed]
+    share = level[a] / (level[a] - level[b])
+    few = share < snap
+    a, b, share = a[few], b[few], share[few]
+    order = np.argsort(share, kind="stable")
+    vertex, first = np.unique(a[order], return_index=True)
+    rows = order[first]
+    vertices, level = mesh.vertices.copy(), level.copy()
+    vertices[vertex] += share[rows, None] * (mesh.vertices[b[rows]] - mesh.vertices[vertex])
+    level[vertex] = 0
+    return replace(mesh, vertices=vertices), level
