@@ -238,9 +238,13 @@ def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: Wanted) 
         )  # fmt: skip
         return EXIT_BAD_INPUT
     if wanted.terrain and not (town / TERRAIN).is_file():
-        print(
-            f"Error: the buildings are done, and their terrain could not be made; '{town / TERRAIN_LOG}' says why.",
-            file=sys.stderr,
-        )  # fmt: skip
+        print(f"Error: the buildings are done, and their terrain could not be made{_reason(town)}", file=sys.stderr)
         return EXIT_BAD_INPUT
     return EXIT_DONE
+
+
+def _reason(town: Path) -> str:
+    """Return the one sentence of the terrain's log, or where the log is that holds more."""
+    log = town / TERRAIN_LOG
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines() if log.is_file() else []
+    return f": {lines[0]}" if len(lines) == 1 else f"; '{log}' says why."

@@ -23,6 +23,8 @@ from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt
 from mgf_engine.town import solid
 from mgf_engine.town.hulls import BY_HAND, READY
 from mgf_engine.town.page import _letters, _shown
+from mgf_engine.town.result import TERRAIN_LOG
+from mgf_engine.town.run import _reason
 from mgf_engine.town.solid import ground_of_neighbours, merge_cityjson
 from mgf_engine.town.terrain import TerrainOptions, ground_surface
 
@@ -170,3 +172,18 @@ def test_a_building_without_a_solid_says_why_and_is_no_failure(tmp_path: Path, m
     monkeypatch.setattr(solid, "make_solid", stop)
     with pytest.raises(Cancelled):
         written()
+
+
+@pytest.mark.parametrize(
+    ("log", "said"),
+    [
+        ("Only 49 points show the ground, and 50 are needed; run again with --no-terrain.\n", ": Only 49 points show"),
+        ("Traceback\n  File\nValueError: no\n", "log.txt' says why."),
+        (None, "log.txt' says why."),
+    ],
+)
+def test_a_town_without_terrain_says_why(tmp_path: Path, log: str | None, said: str) -> None:
+    if log is not None:
+        (tmp_path / TERRAIN_LOG).parent.mkdir()
+        (tmp_path / TERRAIN_LOG).write_text(log)
+    assert said in _reason(tmp_path)
