@@ -30,8 +30,8 @@ class BuildWithKernels(build_py):
     def run(self) -> None:
         carried = {path.name for path in kernels.build([wheel_target()])}
         super().run()
-        # For `mgf doctor`, which says how to install what is missing.
-        self.copy_file("constraints.txt", str(Path(self.build_lib) / "mgf_engine" / "constraints.txt"))
+        if not self.editable_mode:  # for `mgf doctor`, which finds it beside the package in a checkout
+            self.copy_file("constraints.txt", str(Path(self.build_lib) / "mgf_engine" / "constraints.txt"))
         collected = Path(self.build_lib) / "mgf_engine" / "native" / "lib"
         for path in collected.glob("*") if collected.is_dir() else ():
             if path.name not in carried:  # stamps and libraries of other platforms
