@@ -104,6 +104,9 @@ class PlaneOptions:
         "Share of its lines along either side from which a plane covers their rectangle, not their convex hull",
         high=1,
     )
+    rectangle_layer: float = parameter(
+        24.0, "Distance of parallel planes of which only the stronger one covers its rectangle", "px"
+    )
     layer: float = parameter(4.0, "Distance of parallel planes of which only the stronger one fills bare areas", "px")
     crease: float = parameter(5.0, "Distance between points where planes meet", "px", low=1)
     direction_angle: float = parameter(3.0, "Maximum angle between a line and its dominant direction", "degrees")

@@ -40,9 +40,9 @@ def plane_points(
         ends = ends @ axes.T
         uv = np.concatenate([np.linspace(p, q, 2 + int(np.linalg.norm(q - p) / (4 * pixel))) for p, q in ends])
         flat = _grid(uv, o.grid * pixel, o.reach * pixel)
-        if not _both_ways(ends, o):
+        if not _both_ways(ends, o) or _beside_stronger(planes, k, o.rectangle_layer * pixel, o):
             flat = flat[_in_hull(flat, uv, o.reach * pixel)]
-        if len(flat) and _beside_stronger(planes, k, pixel, o):
+        if len(flat) and _beside_stronger(planes, k, o.layer * pixel, o):
             flat = flat[cKDTree(uv).query(flat)[0] < o.reach * pixel]
         points = flat @ axes - plane[3] * plane[:3]
         if tree is not None and len(points):
@@ -52,11 +52,11 @@ def plane_points(
     return np.concatenate(found), np.concatenate(owner)
 
 
-def _beside_stronger(planes: LinePlanes, number: int, pixel: float, o: PlaneOptions) -> bool:
+def _beside_stronger(planes: LinePlanes, number: int, distance: float, o: PlaneOptions) -> bool:
     """Tell whether a stronger parallel plane lies just beside a plane."""
     plane = planes.planes[number]
     cosine = planes.planes[:, :3] @ plane[:3]
-    beside = np.abs(planes.planes[:, 3] * np.sign(cosine) - plane[3]) < o.layer * pixel
+    beside = np.abs(planes.planes[:, 3] * np.sign(cosine) - plane[3]) < distance
     return bool((beside & (np.abs(cosine) > o.layer_cosine) & (planes.strength > planes.strength[number])).any())
 
 

@@ -90,6 +90,15 @@ def test_foot_and_corner_of_a_wall_tell_all_of_it() -> None:
     np.testing.assert_allclose(points[:, 1], 0, atol=1e-12)
 
 
+def test_of_parallel_planes_only_the_stronger_one_covers_its_rectangle() -> None:
+    o = PlaneOptions()
+    lines = [line([0, y, 0], [3, y, 0]) for y in (0, 0.2)] + [line([3, y, 0], [3, y, 2]) for y in (0, 0.2)]
+    walls = LinePlanes(np.array([[0, 1.0, 0, 0], [0, 1.0, 0, -0.2]]), [[0, 2], [1, 3]], np.array([2.0, 1.0]))
+    points, owner = plane_points(walls, lines, np.zeros((0, 3)), PIXEL, o)
+    opposite = (points[:, 0] < 0.5) & (points[:, 2] > 1.5)
+    assert (opposite & (owner == 0)).any() and not (opposite & (owner == 1)).any() and (owner == 1).sum() > 100
+
+
 def test_lines_of_one_direction_tell_no_more_than_their_hull() -> None:
     o = PlaneOptions()
     chord = LinePlanes(np.array([[0, 1.0, 0, 0]]), [[0, 1]], np.ones(1))
