@@ -209,12 +209,12 @@ def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews
 
     Args:
         mesh: normalised frame.
-        field: tells what is confirmed; one of opacity tells nothing.
-        trusted: the photos, which tell the size of a pixel.
+        field: tells how many photos show each place; one of opacity by itself tells nothing.
+        trusted: the photos; where they are not matched, only the Gaussians say what these show, and nothing is removed.
         options: of the border, and which holes are small.
     """
     known = field.known(mesh.vertices)
-    if "views" not in known:
+    if trusted.photos is None or "views" not in known:
         return mesh
     pixel = ground_pixels(mesh, trusted.views)
     return trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)

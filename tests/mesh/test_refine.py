@@ -130,14 +130,15 @@ def test_the_stage_refines_only_where_photos_are_matched():
     scene, masks = scene_of(views, ball(1.05))
     assert find_trusted_views(scene, masks, mesh_options({"match_photos": False})).photos is None
     assert find_trusted_views(scene, masks, mesh_options({"surface": "opacity"})).photos is not None
-    rough = {"smoothing": 0, "face_error": 0.0, "refine_rounds": 0}
+    rough = {"smoothing": 0, "face_error": 0.0, "refine_rounds": 0, "mesh_border.photos": 0}
     plain = extract_mesh(sphere(400), scene, masks, mesh_options(rough), reporter())
     mesh = extract_mesh(sphere(400), scene, masks, mesh_options({**rough, "refine_rounds": 1}), reporter())
     assert len(mesh.faces) == len(plain.faces) and not np.array_equal(mesh.vertices, plain.vertices)
 
 
 def test_either_surface_is_matched_and_refined_and_knows_its_confidence():
-    """Eq. 25 on equal terms: the same photos, the same confidence, the same cleaning."""
+    """Eq. 25 on equal terms: the same photos, the same confidence, the same cleaning, and a border that is trimmed only
+    where photos are matched."""
     views = [camera((4.0 * np.cos(a), 4.0 * np.sin(a), 1.0), name=f"{a}.png") for a in np.arange(0, 6, 0.5)]
     scene, masks = scene_of(views, ball(1.05))
     given = {"smoothing": 0, "face_error": 0.0, "surface": "opacity", "flatten": False}
