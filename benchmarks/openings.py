@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,17 +104,27 @@ def compare(true: Array, drawn: Array) -> Score:
     return Score(len(true), int(good.sum()), len(drawn) - int(good.sum()), np.linalg.norm(apart, axis=2).ravel())
 
 
-def score(job: Path) -> Score:
-    """Compare all elevations of a job with the truth of its scene.
+def read_scene_record(job: Path) -> tuple[Path, dict[str, Any]]:
+    """Return the folder and the record of the generated scene that a job is of.
 
     Raises:
-        BadInput: the scene is not a generated one, or the job has no mesh.
+        BadInput: the scene is not a generated one.
     """
     scene = Path(read_job(job)["source"])
     try:
-        spec = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["spec"]
+        record: dict[str, Any] = json.loads((scene / "scene.json").read_text(encoding="utf-8"))
+        record["spec"], record["name"]
     except (OSError, ValueError, KeyError) as error:
         raise BadInput(f"'{scene}' is no generated scene; give jobs of scenes that benchmarks.scenes made.") from error
+    return scene, record
+
+
+def score(job: Path, scene: Path, spec: dict[str, Any]) -> Score:
+    """Compare all elevations of a job with the truth of its scene.
+
+    Raises:
+        BadInput: the job has no mesh.
+    """
     openings = true_openings(BUILDINGS[spec["building"]](spec["wall"]))
     truth, config = read_surface(scene / "truth.ply"), with_algorithms_of_job(job, {})
     survey = read_survey(job, options=config.algorithm(UpOptions))
@@ -135,9 +147,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     print("| scene | openings | found | missed | false | RMS of corners, mm |\n|---|---|---|---|---|---|")
     for job in args.jobs:
-        s, scene = score(job), Path(read_job(job)["source"])
-        name = json.loads((scene / "scene.json").read_text(encoding="utf-8"))["name"]
-        print(f"| {name} | {s.openings} | {s.found} | {s.openings - s.found} | {s.false} | {s.rms:.0f} |", flush=True)
+        try:
+            scene, record = read_scene_record(job)
+            s = score(job, scene, record["spec"])
+        except BadInput as error:
+            print(f"Error: {error}", file=sys.stderr)
+            return 2
+        print(
+            f"| {record['name']} | {s.openings} | {s.found} | {s.openings - s.found} | {s.false} | {s.rms:.0f} |",
+            flush=True,
+        )
     return 0
 
 

@@ -99,9 +99,9 @@ class PlaneOptions:
     least: float = parameter(40.0, "Minimum length of lines that a plane carries", "px")
     grid: float = parameter(12.0, "Distance between the points on a plane", "px", low=1)
     reach: float = parameter(12.0, "Distance that a plane extends beyond its lines", "px")
-    both_ways: float = parameter(
+    rectangle_share: float = parameter(
         0.1,
-        "Share of its lines along either side from which a plane covers their rectangle, not their convex hull",
+        "Minimum share of line length along each side of the rectangle that a plane covers; else their convex hull",
         high=1,
     )
     rectangle_layer: float = parameter(

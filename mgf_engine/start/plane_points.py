@@ -17,8 +17,9 @@ from mgf_engine.start.planes import LinePlanes
 def plane_points(
     planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, o: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Place points every ``o.grid`` px on each plane, over the area of its lines.
+    """Place points every ``o.grid`` px on each plane, over the rectangle around its lines or their convex hull.
 
+    The rectangle counts where lines run along both of its sides and no stronger parallel plane is near.
     A plane just beside a stronger parallel one (a pane, a frame) has points near its own lines only, since nothing else
     tells which of the two a bare stretch lies on. Where stereo points lie beside the plane there are none.
 
@@ -40,7 +41,7 @@ def plane_points(
         ends = ends @ axes.T
         uv = np.concatenate([np.linspace(p, q, 2 + int(np.linalg.norm(q - p) / (4 * pixel))) for p, q in ends])
         flat = _grid(uv, o.grid * pixel, o.reach * pixel)
-        if not _both_ways(ends, o) or _beside_stronger(planes, k, o.rectangle_layer * pixel, o):
+        if not _spans_rectangle(ends, o) or _beside_stronger(planes, k, o.rectangle_layer * pixel, o):
             flat = flat[_in_hull(flat, uv, o.reach * pixel)]
         if len(flat) and _beside_stronger(planes, k, o.layer * pixel, o):
             flat = flat[cKDTree(uv).query(flat)[0] < o.reach * pixel]
@@ -97,7 +98,7 @@ def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.floa
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
 
 
-def _both_ways(ends: NDArray[np.float64], o: PlaneOptions) -> bool:
+def _spans_rectangle(ends: NDArray[np.float64], o: PlaneOptions) -> bool:
     """Tell whether lines [L, 2, 2] run along both axes: as the foot and a corner of a wall, which tell its rectangle.
 
     Lines along one axis may be chords of a vault.
@@ -105,7 +106,7 @@ def _both_ways(ends: NDArray[np.float64], o: PlaneOptions) -> bool:
     run = np.abs(ends[:, 1] - ends[:, 0])
     length = np.linalg.norm(run, axis=1)
     along = (length[:, None] * (run[:, ::-1] < np.sin(np.deg2rad(o.parallel)) * length[:, None])).sum(0)
-    return bool(along.min() >= o.both_ways * length.sum())
+    return bool(along.min() >= o.rectangle_share * length.sum())
 
 
 def _in_hull(points: NDArray[np.float64], uv: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:

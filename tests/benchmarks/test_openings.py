@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from benchmarks.buildings import BUILDINGS
-from benchmarks.openings import compare, true_openings
+from benchmarks.openings import compare, main, true_openings
 
 
 def test_a_house_has_the_openings_it_was_given() -> None:
@@ -24,3 +26,9 @@ def test_half_an_overlap_is_found_and_the_rest_missed_or_false() -> None:
     assert (score.openings, score.found, score.false) == (3, 1, 2)
     assert score.rms == pytest.approx(100.0)
     assert np.isnan(compare(true, np.zeros((0, 4))).rms)
+
+
+def test_what_is_no_job_is_refused_in_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("Error: ") and error.count("\n") == 1 and str(tmp_path) in error
