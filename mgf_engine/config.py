@@ -86,7 +86,7 @@ class Config:
     matching: str = option("auto", "scene", "Photo matching for structure from motion (photos without a COLMAP model)", choices=("auto", "exhaustive", "sequential"))
 
     # masks
-    use_masks: bool = option(True, "masks", "Train inside the building masks only; off trains on whole photos (ablation a)")
+    use_masks: bool = option(True, "masks", "Mask the building; off meshes whole photos, and no step uses masks")
     masked_points: bool = option(True, "masks", "Start from the points on the building only (ablation b)")
     segmenter: str = option("auto", "masks", "Segmentation method of the masks", choices=("auto", "random_walker", "efficientsam"))
     weights: str = option("", "masks", "Folder of the EfficientSAM weights; empty uses the user's cache folder", path="folder")
@@ -108,6 +108,7 @@ class Config:
     coarse_to_fine: bool = option(True, "field", "Train on downscaled photos first, on the full working resolution at the end")
     filter_3d: bool = option(True, "field", "Apply a 3D low-pass filter, so that no Gaussian is smaller than the photos can resolve")
     random_background: bool = option(True, "field", "Train with a random background colour in each iteration; off trains with black")
+    masked_images: bool = option(True, "field", "Train on the pixels of the building alone; off trains on whole photos, while points, losses and votes still use the masks (ablation a)")
     multilevel_loss: bool = option(False, "field", "Use the multi-level perceptual mask loss, eq. 18-19; off uses the RGB loss, eq. 16 (ablation c)")
     boundary_loss: bool = option(False, "field", "Use the boundary loss, eq. 17; off gives its weight to the other colour term (ablation c)")
     l1_weight: float = option(0.8, "field", "Weight of the L1 term, eq. 16-18", low=0, high=1)

@@ -118,7 +118,7 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
     all_pairs = photos.count * (photos.count - 1) / 2
     passes = config.run_length(max(1, count - held_out))
     usual = COSTS["gaussians"]
-    building = count * pixels * (photos.building if config.use_masks else 1.0)
+    building = count * pixels * (photos.building if config.use_masks and config.masked_images else 1.0)
     most = usual["grown" if passes else "untrained"] * config.max_gaussians
     surface = building if config.start == "surface" and config.use_masks else 0
     of_error = usual["least"] + usual["per_pixel"] * building * 1e6

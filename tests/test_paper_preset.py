@@ -17,7 +17,8 @@ from mgf_engine.scene.adjust import AdjustOptions
 #: Option -> value and where the paper prints it.
 PRINTED = {
     "resolution": (750, "4.1.1: all tested images were downsampled to 750 x 500"),
-    "use_masks": (True, "3.2.1, eq. 14: rays of the non-mask region are left out"),
+    "use_masks": (True, "3.1: masks of the building; eq. 3, 14, 18 and 22 need them"),
+    "masked_images": (True, "3.2.1, eq. 14: rays of the non-mask region are left out"),
     "masked_points": (True, "3.1.2, eq. 3; 3.2: masked points are the input of training"),
     "segmenter": ("auto", "3.1.2: EfficientSAM, where its weights are; a line says so where they are not"),
     "second_level": ("on", "3.1.2: a second-level mask with windows, doors, walls"),

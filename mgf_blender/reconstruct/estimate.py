@@ -79,7 +79,7 @@ def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, fl
     trained = min(RUN_LENGTH["most"], max(RUN_LENGTH["fewest"], count - held_out))
     passes, usual = options.iterations or options.passes * trained, COSTS["gaussians"]
     most = usual["grown" if passes else "untrained"] * options.max_gaussians
-    building = count * pixels * (COSTS["building"] if options.use_masks else 1.0)
+    building = count * pixels * (COSTS["building"] if options.use_masks and options.masked_images else 1.0)
     surface = building if options.start == "surface" and options.use_masks else 0
     of_error = usual["least"] + usual["per_pixel"] * building * 1e6
     gaussians = min(most, of_error if options.densify_by == "error" else usual["by_gradient"]) / 1e5

@@ -31,6 +31,7 @@ class TargetOptions:
     gradient_limits: tuple[float, float] = parameter(
         (0.25, 4.0), "Smallest and largest weight of a mask by its gradient, relative to the mean, eq. 19", low=1e-6
     )
+    masked_images: bool = job_option("masked_images")
     margin: float = job_option("mask_margin")
     boundary_weight: float = job_option("boundary_weight")
 
@@ -42,7 +43,7 @@ class Pixels:
     Attributes:
         photo: float [3, h, w] in 0..1.
         labels: int64 [h, w]; 0 where nothing is compared, 1 on the building where it is no element, 2..elements on its
-            elements (ids made consecutive), then one more on the margin of background.
+            elements (ids made consecutive), then one more on the margin: of background, or the rest of a whole photo.
         inside: float [h, w]; 1 on the building and its margin.
         edge_weight: float [h, w]; w of eq. 12, zero outside; 1 on the margin, which is no part of the building.
         background_band: float [h, w]; 1 on certain background near the building.
@@ -148,7 +149,9 @@ def make_target(
     if not building(labels).any():
         return None
     own = building(labels)
-    margin = margin_around(labels, options.margin * max(size), options.least_gap)
+    margin = ~own
+    if options.masked_images:
+        margin = margin_around(labels, options.margin * max(size), options.least_gap)
     inside = own | margin
     background_band = _band(inside, labels, max(2, options.background_band // factor))
     box = _tile_box(inside | background_band)

@@ -95,8 +95,8 @@ class _Trainer:
         self.densification, self.losses = config.algorithm(DensificationOptions), config.algorithm(LossOptions)
         self.target_options = config.algorithm(TargetOptions)
         self.gradients = config.algorithm(GradientOptions)
-        by_gradient = config.densify_by != "error"
-        self.covered = mask_share([masks.labels[i] for i in self.views]) if by_gradient else 1.0
+        share_matters = config.densify_by != "error" and config.masked_images
+        self.covered = mask_share([masks.labels[i] for i in self.views]) if share_matters else 1.0
         self.lr_scale = lr_scale_of(self.total, Config().run_length(len(self.views)), self.rates)
         self.longest_side = max(max(v.width, v.height) for v in scene.views)
         self.targets: dict[int, Target | None] = {}

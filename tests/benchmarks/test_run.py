@@ -23,6 +23,7 @@ from benchmarks.run import bench_main
 from benchmarks.shapes import true_mesh
 from benchmarks.suites import (
     ABLATION,
+    MASK_PARTS,
     OURS,
     PARTS_OF_OURS,
     SCHEDULES,
@@ -72,11 +73,13 @@ def test_every_option_of_every_suite_exists() -> None:
             make_config(run.options)
     for suite, start in {"ablation": paper_setting(), "ablation-ours": OURS}.items():
         changed = {run.variant.partition(": ")[2]: run for run in suite_runs(suite)}
-        parts = {**ABLATION, **(PARTS_OF_OURS | SCHEDULES if suite == "ablation" else {})}
+        further = PARTS_OF_OURS | SCHEDULES if suite == "ablation" else MASK_PARTS
+        parts = ABLATION | further | {"no second level": MASK_PARTS["no second level"]}
         assert set(parts) <= set(changed)
         for what, options in parts.items():  # one thing at a time, from the setting's own values
             full, one = (as_dict(make_config(o)) for o in (start, changed[what].options))
             assert {k for k in full if full[k] != one[k]} == set(options)
+            assert one["use_masks"]  # without any masks (b), (c) and (d) are gone as well
     for options in PARTS_OF_OURS.values():  # each as it is by default
         assert all(getattr(make_config(), name) == value for name, value in options.items())
     assert set(SWITCHES) <= {run.variant for run in suite_runs("switches")}

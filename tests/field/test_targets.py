@@ -19,7 +19,7 @@ def labels() -> np.ndarray:
     return result
 
 
-def target(labels: np.ndarray, photo: np.ndarray | None = None, margin: float = 0.05) -> Target:
+def target(labels: np.ndarray, photo: np.ndarray | None = None, margin: float = 0.05, masked: bool = True) -> Target:
     """What a photo with these labels is compared with; the box is the whole frame."""
     height, width = labels.shape
     view = View(
@@ -28,7 +28,7 @@ def target(labels: np.ndarray, photo: np.ndarray | None = None, margin: float = 
     )  # fmt: skip
     if photo is None:
         photo = np.full((height, width, 3), 128, np.uint8)
-    made = make_target(photo, labels, view, 1, TargetOptions(margin=margin))
+    made = make_target(photo, labels, view, 1, TargetOptions(margin=margin, masked_images=masked))
     assert made is not None and made.box[0] == made.box[2] == 0
     return made
 
@@ -107,6 +107,17 @@ def test_bars_and_gaps_have_no_rim() -> None:
 @pytest.mark.parametrize("width", [0.0, 0.5])
 def test_no_width_no_rim(width) -> None:
     assert not margin_around(labels(), width).any()
+
+
+def test_whole_photos_are_trained_beside_the_same_masks() -> None:
+    """Ablation (a): every pixel is compared, and what is no building is none of the masks and has no boundary."""
+    masked, whole_photo = target(labels()), target(labels(), masked=False)
+    pixels = whole_photo.pixels()
+    assert whole_photo.box == (0, 40, 0, 60) and (pixels.inside == 1).all() and whole_photo.tile_mask.all()
+    assert not pixels.background_band.any()  # nothing is background that is to be kept empty
+    assert (pixels.edge_weight.numpy()[~building(labels())] == 1).all()
+    assert np.array_equal(whole_photo.edges.numpy(), whole(whole_photo, masked.edges.numpy()))
+    assert np.array_equal(whole_photo.label_weight.numpy(), masked.label_weight.numpy())
 
 
 def test_every_id_taken() -> None:

@@ -128,7 +128,7 @@ def test_training_says_when_it_starts_over_from_a_damaged_checkpoint(make_wall, 
     assert same(field, fresh)
 
 
-@pytest.mark.parametrize("switch", ["multilevel_loss", "boundary_loss", "coarse_to_fine", "use_masks"])
+@pytest.mark.parametrize("switch", ["multilevel_loss", "boundary_loss", "coarse_to_fine", "use_masks", "masked_images"])
 def test_every_ingredient_can_be_switched_on_and_off(make_wall, tmp_path, switch) -> None:
     scene, masks = make_wall(CENTRES)
     config = make_config({**OPTIONS, "iterations": 21, switch: not getattr(Config(), switch)})
