@@ -62,7 +62,7 @@ def store_stages(job: Path, entry: Path) -> None:
     with tempfile.TemporaryDirectory(dir=entry.parent, prefix=".part-") as name:
         part = Path(name) / "job"
         part.mkdir()
-        for output in (output for stage in _FIRST for output in stage.written):
+        for output in (output for stage in _FIRST for output in stage.output_paths):
             source = job / output
             if source.is_dir():
                 shutil.copytree(source, part / output)

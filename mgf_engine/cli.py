@@ -187,7 +187,8 @@ def _columns() -> int:
 def _estimate_command(args: argparse.Namespace) -> int:
     """Print the time and memory that a job will take."""
     from mgf_engine.config import make_config
-    from mgf_engine.estimate import as_data, as_table, estimate, inspect_photos, with_clicks
+    from mgf_engine.estimate import estimate, inspect_photos, with_clicks
+    from mgf_engine.estimate_report import estimate_to_dict, format_estimate
     from mgf_engine.masks.prompts import PromptsFile
     from mgf_engine.memory import budget_of
 
@@ -195,8 +196,8 @@ def _estimate_command(args: argparse.Namespace) -> int:
     photos = with_clicks(photos, PromptsFile.read(args.prompts) if args.prompts else None)
     budget = budget_of(config.memory)
     found = estimate(config, photos, budget=budget)
-    data = as_data(found, config, photos, budget)
-    print(json.dumps(data, indent=1) if args.json else as_table(data))
+    data = estimate_to_dict(found, config, photos, budget)
+    print(json.dumps(data, indent=1) if args.json else format_estimate(data))
     return EXIT_DONE
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The job folder: what was asked for, which stages are done, and the lock that keeps two processes apart.
+"""A job and its folder: inputs, options, the stages that are done, and a lock against a second process.
 
-A stage is done when ``job.json`` holds its key (:mod:`mgf_engine.stage_keys`). The inputs are looked at once, when the
-job is opened: what changes while it runs is for the next run to notice.
+A stage is done when ``job.json`` holds its current key (:mod:`mgf_engine.stage_keys`). The inputs are read once, when
+the job is opened: a change while the job runs takes effect in the next run.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from mgf_engine.stage_keys import TABLES, adjusts_to_control, stage_keys
 from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, Stage, stage_named
 from mgf_engine.system import atomic_path, sweep, write_json
 
-#: The clicks that the masks in the folder are made from.
+#: Copy of the clicks that the masks in the folder are made from.
 CLICKS = "prompts.json"
 
 
@@ -46,11 +46,11 @@ class Job:
         source: the user's COLMAP scene or photo folder.
         prompts: the user's prompts file, or None.
         masks: the user's folder of masks, or None.
-        given: the options the user gave, name -> value.
+        given: the options that the user set, name -> value.
         config: the validated options.
-        inputs: what the files of source, prompts and masks were when the job was opened.
-        keys: the key each stage has with these inputs and options.
-        stages: stage name -> key, seconds, cpu_seconds, peak_memory, figures, warnings, for the stages that are done.
+        inputs: identity of the input files when the job was opened.
+        keys: stage name -> its key with these inputs and options.
+        stages: name of each stage that is done -> key, seconds, cpu_seconds, peak_memory, figures, warnings.
     """
 
     inputs: Inputs
@@ -82,29 +82,29 @@ class Job:
         resume: bool = False,
         own: dict[str, Any] | None = None,
     ) -> Job:
-        """Make a job folder, or take up the one that is there when ``resume`` is set.
+        """Create a job folder, or continue the job in it with ``resume``.
 
-        A resumed job keeps the inputs and options it was started with where no new ones are given; new clicks take the
-        place of masks given before.
+        A resumed job keeps its inputs and options unless new ones are given; new clicks replace masks given before,
+        and the reverse.
 
         Args:
-            folder: of the job; made if missing.
+            folder: of the job; created if missing.
             source: folder of the scene; None keeps that of the job.
             prompts: file of clicks.
             masks: folder of the user's own masks.
-            given: options as the user gave them.
+            given: options that the user sets now.
             resume: continue the job in the folder.
-            own: options in the place of those that the job in the folder was made with; None keeps these.
+            own: replaces the options that the user set in earlier runs of the job; None keeps these.
 
         Raises:
             BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
                 job, or is in use.
         """
         check_no_file(folder)
-        folder = folder.resolve()  # as the inputs are, so that the job's own files are known among them
+        folder = folder.resolve()  # like the inputs, so that files of the job are recognised among them
         lock = FileLock(str(folder / ".lock"))
         plan = partial(cls._plan, folder, lock, source, prompts, masks, _with_whole_paths(given or {}), resume, own)
-        plan()  # refuses before anything is made
+        plan()  # raises before anything is written
         make_folder(folder)
         acquire(lock, folder)
         try:
@@ -131,13 +131,13 @@ class Job:
         resume: bool,
         own: dict[str, Any] | None,
     ) -> Job:
-        """Return the job that :meth:`start` asks for, with what the folder's job file says; nothing is written."""
+        """Check the arguments of :meth:`start` and make the job, with the record of earlier runs; write nothing."""
         stages: dict[str, dict[str, Any]] = {}
         check_one_guide(prompts, masks)
         if resume and (source is None or (folder / "job.json").exists()):
             earlier = read_job(folder)
             source, stages = source or Path(earlier["source"]), earlier["stages"]
-            if prompts is None and masks is None:  # what is given anew is meant to be used, alone
+            if prompts is None and masks is None:  # new clicks or masks replace both
                 prompts, masks = _path(earlier["prompts"]), _path(earlier["masks"])
             given = {**(earlier["given"] if own is None else own), **given}
         if source is None:
@@ -155,7 +155,7 @@ class Job:
         self.close()
 
     def close(self) -> None:
-        """Release the folder for other processes."""
+        """Release the lock of the folder."""
         self._lock.release()
 
     def path(self, *parts: str) -> Path:
@@ -163,39 +163,39 @@ class Job:
         return self.folder.joinpath(*parts)
 
     def done(self, stage: str) -> bool:
-        """Tell whether the stage ran with the job's inputs and options."""
+        """Tell whether the stage has run with the present inputs and options."""
         return self.stages.get(stage, {}).get("key") == self.keys[stage]
 
-    def lost(self, until: str) -> set[str]:
-        """Return stages up to ``until`` that are done but whose results are gone and needed.
+    def missing_results(self, until: str) -> set[str]:
+        """Return stages up to ``until`` that are done, but whose results have been deleted and are needed.
 
-        Needed is what was asked for, what people take from the folder, and what a stage that has to run reads; the
-        rest may be deleted.
+        Results are needed of ``until``, of user-facing stages, and of stages that a stage which has to run reads.
         """
-        lost, read = set[str](), {until}
+        missing, read = set[str](), {until}
         for stage in reversed(STAGES[: STAGE_NAMES.index(until) + 1]):
             done, name = self.done(stage.name), stage.name
-            if done and (stage.taken or name in read) and not self._complete(stage):
-                lost.add(name)
-            if name in lost or not done:
+            if done and (stage.user_facing or name in read) and not self._complete(stage):
+                missing.add(name)
+            if name in missing or not done:
                 read.update(stage.reads)
-        return lost
+        return missing
 
     def _complete(self, stage: Stage) -> bool:
-        """Tell whether the stage's results are there, with those that an option asked for."""
-        wanted = [files for option, files in stage.on_request.items() if getattr(self.config, option)]
-        files = [*stage.proofs, *(name for names in wanted for name in names)]
+        """Tell whether all required outputs of the stage exist, and those that options ask for."""
+        wanted = [files for option, files in stage.optional_outputs.items() if getattr(self.config, option)]
+        files = [*stage.required_outputs, *(name for names in wanted for name in names)]
         return all(self.path(name).exists() for name in files) and (MANIFEST not in files or delivered(self.folder))
 
     def forget(self, stage: str) -> None:
-        """Drop the record of a stage, so that the next run does it again."""
+        """Delete the record of a stage, so that the next run repeats it."""
         self.stages.pop(stage, None)
         self.save()
 
     def begin(self, stage: str) -> str:
-        """Forget the stage and later ones of other options; remove outputs of other options. Returns the stage's key.
+        """Prepare the folder for a run of the stage, and return the stage's key.
 
-        The checkpoints of an unfinished field stay when they belong to the same key (the trainer resumes from them).
+        Records of stages with outdated keys are deleted, and so are outputs of this stage. Outputs of an interrupted
+        run with the same key stay: the trainer resumes from its checkpoints.
         """
         keys = self.keys
         self.stages = {name: entry for name, entry in self.stages.items() if entry["key"] == keys[name]}
@@ -203,15 +203,15 @@ class Job:
         key, started = keys[stage], self.path(".started-" + stage)
         same = started.exists() and started.read_bytes() == key.encode()
         if not same:
-            for name in stage_named(stage).written:
+            for name in stage_named(stage).output_paths:
                 _remove(self.path(name))
             started.write_text(key)
         return key
 
     def keep_clicks(self) -> None:
-        """Write the clicks, as they were when the job was opened, beside the masks that are made from them."""
+        """Write the clicks, as read when the job was opened, to the job folder."""
         if self.inputs.clicks is None:
-            self.path(CLICKS).unlink(missing_ok=True)  # of masks made before
+            self.path(CLICKS).unlink(missing_ok=True)  # clicks of an earlier run
         else:
             with atomic_path(self.path(CLICKS)) as temporary:
                 temporary.write_bytes(self.inputs.clicks.content)
@@ -219,16 +219,16 @@ class Job:
     def finish(
         self, stage: str, key: str, seconds: float, cpu: float, peak: int, figures: dict[str, Any], warnings: list[str]
     ) -> None:
-        """Record the stage as done, with its cost (wall and CPU seconds, bytes), figures and warnings.
+        """Record the stage as done.
 
         Args:
             stage: its name.
-            key: what it was made from, as :meth:`begin` returned it.
+            key: as :meth:`begin` returned it.
             seconds: wall time.
             cpu: CPU time, seconds.
             peak: peak memory, bytes.
-            figures: for the report.
-            warnings: sentences the user has seen.
+            figures: numbers for the report, name -> value.
+            warnings: sentences shown to the user.
         """
         self.stages[stage] = {
             "key": key, "seconds": round(seconds, 2), "cpu_seconds": round(cpu, 2), "peak_memory": peak,
@@ -254,7 +254,7 @@ class Job:
 
     @property
     def adjusts_to_control(self) -> bool:
-        """Whether control points move the cameras, so that the scene depends on them."""
+        """Whether the cameras are adjusted to control points, so that the scene depends on these."""
         return adjusts_to_control(self.config)
 
 

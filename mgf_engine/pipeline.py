@@ -13,11 +13,13 @@ import numpy as np
 from mgf_engine import __version__
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import Photos, Took, estimate, inspect_photos, learn, shortage, with_clicks
+from mgf_engine.estimate import Photos, estimate, inspect_photos, quantities, with_clicks
 from mgf_engine.job import Job
+from mgf_engine.machine_speed import StageTime, record_speed
 from mgf_engine.masks.prompts import check_prompts, no_clicks
 from mgf_engine.masks.user_masks import no_mask_fits
 from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
+from mgf_engine.memory_check import shortage
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, photo_names
 from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
@@ -25,12 +27,12 @@ from mgf_engine.system import cores, cpu_seconds, release_memory
 from mgf_engine.terminal import duration
 
 log = logging.getLogger("mgf")
-#: CPU seconds: shorter jobs, which mostly start up, measure no speed.
+#: CPU seconds of a job below which its times, mostly those of starting up, do not measure the speed of the machine.
 _LEAST_CPU_SECONDS = 30.0
 
 
 def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
-    """Run the stages up to and including ``until``, using those that are done already.
+    """Run the stages up to and including ``until``; stages that are done already are skipped.
 
     Raises:
         BadInput, Cancelled: see :mod:`mgf_engine.errors`.
@@ -41,14 +43,14 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     reporter.stages = stages
     reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
     prepare(job.config, reporter)
-    lost = job.lost(until)
-    to_run = [name for name in stages if name in lost or not job.done(name)]
+    missing = job.missing_results(until)
+    to_run = [name for name in stages if name in missing or not job.done(name)]
     photos = _estimate_job(job, to_run, reporter) if to_run else None
     lacks_clicks = job.config.use_masks and not (job.inputs.clicks or job.masks)
     if photos is not None and "masks" in to_run and lacks_clicks:
         raise no_clicks()  # before the cameras are found, which can take long
     if photos is not None and {"scene", "masks"} <= set(to_run) and job.config.use_masks:
-        _check_guidance(job, photos)
+        _check_prompts(job, photos)
     for place, name in enumerate(stages):
         reporter.check()
         reporter.stage(name, cached=name not in to_run)
@@ -56,7 +58,7 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
             _run_stage(job, name, reporter)
             if name == "masks" and photos is not None:
                 photos = _update_estimate(job, photos, list(stages[place + 1 :]), reporter)
-    speed = learn_from(job, photos) if photos is not None and to_run == list(STAGE_NAMES) else None
+    speed = measure_speed(job, photos) if photos is not None and to_run == list(STAGE_NAMES) else None
     guide = {"suggested": suggested_photos(job)} if until == "scene" and lacks_clicks else {}
     reporter.send(
         "result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"], speed=speed,
@@ -65,7 +67,7 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
 
 
 def suggested_photos(job: Job) -> list[str]:
-    """Return the names of the photos of a read scene that are worth clicking: a fifth, all around."""
+    """Return names of photos that are worth clicking: a fifth of all, spread around the building."""
     from mgf_engine.results import load_scene_of
 
     scene = load_scene_of(job)
@@ -73,12 +75,12 @@ def suggested_photos(job: Job) -> list[str]:
 
 
 def result_files(job: Job) -> dict[str, str]:
-    """Return what a finished job offers, name -> path, for the files that exist."""
+    """Return the result files of a finished job that exist, name -> path (names as in :mod:`mgf_engine.stages`)."""
     return {o.name: str(job.path(o.path)) for o in outputs() if o.name and job.path(o.path).exists()}
 
 
 def prepare(config: Config, reporter: Reporter) -> None:
-    """Set device, seeds and thread counts; one place, so that a job repeats itself.
+    """Set device, random seeds and thread counts for this process, so that a job is reproducible.
 
     Raises:
         BadInput: CUDA is asked for, and no card can be used; or the kernels cannot be loaded.
@@ -92,14 +94,14 @@ def prepare(config: Config, reporter: Reporter) -> None:
     log.info("kernel variant %s", variant())  # loads the kernels: better now than after the first stages
     choice = choose_device(config.device)
     log.info("%s", choice.text)
-    # A surprise becomes a warning, which the panel shows and the report keeps; the message need not repeat it.
+    # An unexpected choice is a warning, which the panel shows and the report keeps; the message need not repeat it.
     text = "Device: CPU." if choice.surprising else choice.text
     reporter.send("device", device=choice.device.type, text=text)
     if choice.surprising:
         reporter.warning(choice.text)
 
     threads = config.threads or cores()
-    torch.set_num_threads(1)  # the kernels have threads of their own; torch's would only wait for the cores
+    torch.set_num_threads(1)  # the kernels have threads of their own; torch's would compete with them for the cores
     cv2.setNumThreads(threads)
     set_threads(threads)
     random.seed(config.seed)
@@ -109,10 +111,10 @@ def prepare(config: Config, reporter: Reporter) -> None:
 
 
 def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | None:
-    """Report what the stages to come will take, and set how much memory they may use.
+    """Report the expected time and memory of the stages that will run, and set the memory limit.
 
     Returns:
-        The photos; None where they cannot be read: the stage that needs them reports why.
+        Number and size of the photos; None if they cannot be read, which the scene stage reports.
 
     Raises:
         BadInput: they need more memory than the user allows.
@@ -140,7 +142,7 @@ def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | N
 
 
 def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> Photos:
-    """Estimate again when the masks have shown how much of the photos the building fills; returns the photos."""
+    """Repeat the estimate with the share of the photos that the finished masks cover; returns the updated photos."""
     if not stages:
         return photos
     before, photos = photos, _with_masks(job, photos)
@@ -150,8 +152,12 @@ def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Repo
     return photos
 
 
-def _check_guidance(job: Job, photos: Photos) -> None:
-    """Refuse masks of no photo, and wrong clicks, before photos are read and cameras found."""
+def _check_prompts(job: Job, photos: Photos) -> None:
+    """Refuse unusable clicks or masks before the photos are read and their cameras found.
+
+    Raises:
+        BadInput: no mask belongs to a photo, or the clicks are malformed or outside their photos.
+    """
     if job.masks is not None and not job.inputs.masks and job.inputs.names:
         raise no_mask_fits(job.masks, job.inputs.names[0])
     if job.masks is not None or job.inputs.clicks is None:
@@ -167,13 +173,13 @@ def _check_guidance(job: Job, photos: Photos) -> None:
 
 
 def _with_masks(job: Job, photos: Photos) -> Photos:
-    """Set the share of the photos that the building fills, if the masks of the job are made."""
+    """Set the share of the photos that the building fills, if the job has masks already."""
     share_of_building = job.stages.get("masks", {}).get("figures", {}).get("building")
     return photos if share_of_building is None else replace(photos, building=float(share_of_building))
 
 
 def _check_memory(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> None:
-    """Refuse what needs more memory than the user allows, warn of what needs more than is usual."""
+    """Raise BadInput if the job needs more memory than the user allows; warn if it needs more than is free."""
     lacking = shortage(job.config, photos, allowed(), stages)
     if lacking and job.config.memory:
         raise BadInput(lacking)
@@ -181,26 +187,26 @@ def _check_memory(job: Job, photos: Photos, stages: list[str], reporter: Reporte
         reporter.warning(lacking)
 
 
-def learn_from(job: Job, photos: Photos) -> float | None:
-    """Measure from a whole job on the CPU this machine's speed; None where it was too short, or on a card."""
+def measure_speed(job: Job, photos: Photos) -> float | None:
+    """Measure the speed of this machine from a whole job on the CPU; None if the job was too short or ran on a GPU."""
     from mgf_engine.raster.device import choose_device
 
-    took = {name: Took(float(entry["seconds"]), float(entry["cpu_seconds"])) for name, entry in job.stages.items()}
-    too_short = sum(t.cpu_seconds for t in took.values()) < _LEAST_CPU_SECONDS
+    times = {name: StageTime(float(of["seconds"]), float(of["cpu_seconds"])) for name, of in job.stages.items()}
+    too_short = sum(t.cpu_seconds for t in times.values()) < _LEAST_CPU_SECONDS
     if too_short or choose_device(job.config.device).device.type != "cpu":
         return None
-    return learn(job.config, photos, took)
+    return record_speed(quantities(job.config, photos), times)
 
 
 def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
-    """Run one stage and record what it took."""
+    """Run one stage and record its time, peak memory, figures and warnings."""
     from mgf_engine.native.buffers import release_buffers  # loads torch, as every stage does
 
     key = job.begin(name)
     log.info("stage %s begins", name)
     started, cpu_before = time.perf_counter(), cpu_seconds()
     reporter.warnings.clear()
-    release_buffers()  # what the stages before needed no longer is not this one's
+    release_buffers()  # so that memory of the previous stage does not count for this one
     release_memory()
     with MemoryMonitor() as memory:
         figures = stage_named(name).runner()(job, reporter)

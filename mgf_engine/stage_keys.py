@@ -17,9 +17,9 @@ from mgf_engine.job_folder import FORMAT
 from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.stages import STAGES, Stage
 
-#: Options that name a small file, which counts by its content.
+#: Options that name a table of the survey.
 TABLES = ("control", "marks", "scale_bars")
-#: Options that name files: their content decides, not their place.
+#: Options that name files; keys depend on the content of these, not on their path.
 _BY_CONTENT = ("weights", *TABLES)
 
 
@@ -40,7 +40,7 @@ def adjusts_to_control(config: Config) -> bool:
 
 
 def _options_of(stage: Stage, config: Config, inputs: Inputs) -> dict[str, Any]:
-    """Return the options that decide the stage's result, and no others."""
+    """Return the options that the stage's result depends on, and no others."""
     names = [f.name for f in option_fields() if f.metadata["section"] in stage.sections]
     options = {n: getattr(config, n) for n in (*names, *stage.options) if n not in _BY_CONTENT}
     for section in stage.sections:
@@ -53,11 +53,11 @@ def _options_of(stage: Stage, config: Config, inputs: Inputs) -> dict[str, Any]:
 
 
 def _inputs_of(stage: Stage, config: Config, inputs: Inputs) -> Any:
-    """Return what the stage reads of the user's files, as JSON can hold it."""
+    """Return the identity of the user's files that the stage reads, as plain data."""
     if stage.inputs == "photos":
         return _photos(config, inputs)
-    if stage.inputs == "outlines":
-        return _outlines(config, inputs)
+    if stage.inputs == "prompts":
+        return _prompts_or_masks(config, inputs)
     if stage.inputs == "survey":
         return inputs.tables or None
     return None
@@ -68,16 +68,16 @@ def _leaves_photos_out(config: Config, inputs: Inputs) -> bool:
 
 
 def _photos(config: Config, inputs: Inputs) -> list[Any]:
-    # Photos with clicks are used also where others are left out.
+    # max_photos leaves photos out, but never those with clicks: then the names of these matter, too.
     found = [inputs.scene, clicked_names(inputs.clicks) if _leaves_photos_out(config, inputs) else None]
     return [*found, inputs.tables] if adjusts_to_control(config) else found
 
 
-def _outlines(config: Config, inputs: Inputs) -> Any:
-    """Return what the masks are made from: the user's masks, or else the clicks; None without masks."""
+def _prompts_or_masks(config: Config, inputs: Inputs) -> Any:
+    """Return the identity of the user's masks, or else of the clicks; None with ``use_masks`` off."""
     if not config.use_masks:
         return None
-    if inputs.masks is not None:  # they win over clicks
+    if inputs.masks is not None:  # masks take precedence over clicks
         return inputs.masks
     return inputs.clicks and inputs.clicks.digest()
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The stages of a job as one table: job folder, pipeline, command line, messages, report and panel are made from it.
+"""The table of the stages of a job.
 
-To add a stage, add its entry here and write the function that ``run`` names; ``docs/architecture.md`` has the table.
-This module imports nothing of the engine, so that everything may import it; functions are named as ``module:function``
-and imported when they are called, so that ``mgf --help`` loads no torch.
+Job folder, pipeline, command line, messages, report and panel are generated from it. To add a stage, add an entry to
+:data:`STAGES` and write the function that its ``run`` names; ``docs/architecture.md`` shows the table. This module
+imports nothing of the engine, so that every module may import it. Functions are named as ``module:function`` and
+imported when they are called, so that ``mgf --help`` does not load torch.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-#: Of the job folder: what scripts and Blender read first. Written when everything it names is there.
+#: File of the job folder that scripts and Blender read first; written last, when every file that it names exists.
 MANIFEST = "deliver.json"
 
 
@@ -22,17 +23,17 @@ class Output:
     """A file or folder that a stage writes.
 
     Attributes:
-        path: relative to the job folder. Removed before the stage runs with other inputs or options.
-        name: under which the message ``result`` and the report offer it; empty for files that nobody asks for.
-        proof: whether the stage counts as undone when this is missing.
-        option: the switch that asks for it; empty where it is always written.
-        kept: whether a copy stays with each finished run (``runs/NUMBER``).
-        manifest: under which ``deliver.json`` names it; empty for files that Blender does not ask for.
+        path: relative to the job folder; deleted before the stage runs again with other inputs or options.
+        name: key in the message ``result`` and in the report; empty for internal files.
+        required: whether the stage counts as not done while this file is missing.
+        option: the switch that must be on for this output; empty if it is always written.
+        kept: whether each finished run keeps a copy (``runs/NUMBER``).
+        manifest: key in ``deliver.json``; empty for files that Blender does not read.
     """
 
     path: str
     name: str = ""
-    proof: bool = False
+    required: bool = False
     option: str = ""
     kept: bool = False
     manifest: str = ""
@@ -43,20 +44,20 @@ class Stage:
     """One step of a job.
 
     Attributes:
-        name: as commands, messages, options and the job file call it.
-        help: what it does, for ``mgf --help``.
-        progress: what the panel shows while it runs.
-        share: of the time of a usual job (0..1), for the progress bar where there is no estimate.
-        run: ``module:function`` of ``(job, reporter) -> figures``.
-        sections: section of options -> its heading in the panel; these options decide the stage's result.
-        options: further options that decide its result, of other sections.
-        inputs: the user's files that it reads: ``photos``, ``outlines`` (clicks or masks), ``survey`` (control points,
-            marks, scale bars); empty for none.
-        reads: stages whose results it reads.
-        outputs: what it writes.
-        taken: whether people take its results from the job folder: they must be there though no stage reads them.
-        cost: ``cpu`` (seconds on one core), ``serial`` (share of them on one core alone) and ``bytes``, with terms as
-            :mod:`mgf_engine.costs` explains.
+        name: used in commands, messages, options and the job file.
+        help: one line for ``mgf --help``.
+        progress: text that the panel shows while the stage runs.
+        share: share of the time of a typical job (0..1), for the progress bar if there is no estimate.
+        run: ``module:function`` with the signature ``(job, reporter) -> figures``.
+        sections: section of options -> its heading in the panel; all options of these sections affect the result.
+        options: options of other sections that affect the result.
+        inputs: files of the user that it reads: ``photos``, ``prompts`` (clicks or masks) or ``survey`` (control
+            points, marks, scale bars); empty for none.
+        reads: names of the stages whose results it reads.
+        outputs: files and folders that it writes.
+        user_facing: whether its outputs are results for the user: they must exist even if no later stage reads them.
+        cost: ``cpu`` (seconds on one core), ``serial`` (the share of them that cannot run in parallel) and ``bytes``
+            (peak memory); :mod:`mgf_engine.costs` explains the terms.
     """
 
     name: str
@@ -70,27 +71,27 @@ class Stage:
     options: tuple[str, ...] = ()
     inputs: str = ""
     reads: tuple[str, ...] = ()
-    taken: bool = False
+    user_facing: bool = False
 
     @property
-    def written(self) -> tuple[str, ...]:
-        """Files and folders that it writes, without what lies in one of these folders."""
+    def output_paths(self) -> tuple[str, ...]:
+        """Files and folders that the stage writes, without those inside one of these folders."""
         paths = [output.path for output in self.outputs]
         return tuple(p for p in paths if not any(p.startswith(other + "/") for other in paths))
 
     @property
-    def proofs(self) -> tuple[str, ...]:
-        """What shows that its results are there, whatever the options."""
-        return tuple(output.path for output in self.outputs if output.proof and not output.option)
+    def required_outputs(self) -> tuple[str, ...]:
+        """Files that must exist for the stage to count as done, whatever the options."""
+        return tuple(output.path for output in self.outputs if output.required and not output.option)
 
     @property
-    def on_request(self) -> dict[str, tuple[str, ...]]:
-        """Switch -> what the stage writes where it is on."""
+    def optional_outputs(self) -> dict[str, tuple[str, ...]]:
+        """Name of a switch -> the files that the stage writes if it is on."""
         options = dict.fromkeys(o.option for o in self.outputs if o.option)
         return {name: tuple(o.path for o in self.outputs if o.option == name) for name in options}
 
     def runner(self) -> Callable[..., dict[str, Any]]:
-        """Import the function that does the work."""
+        """Import the function named by ``run``."""
         module, _, function = self.run.partition(":")
         found: Callable[..., dict[str, Any]] = getattr(import_module(module), function)
         return found
@@ -105,7 +106,7 @@ STAGES: tuple[Stage, ...] = (
         run="mgf_engine.runners.scene:run_scene",
         sections={"scene": "Scene"},
         inputs="photos",
-        outputs=(Output("scene"), Output("scene/scene.npz", proof=True)),
+        outputs=(Output("scene"), Output("scene/scene.npz", required=True)),
         cost={
             "cpu": {"": 0.2, "photos taken": 0.045, "photos pixels": 0.025, "unplaced": 0.8, "pairs": 0.04},
             "serial": 0.3,
@@ -120,11 +121,11 @@ STAGES: tuple[Stage, ...] = (
         run="mgf_engine.runners.masks:run_masks",
         sections={"masks": "Masks"},
         options=("multilevel_loss", "boundary_loss"),
-        inputs="outlines",
+        inputs="prompts",
         reads=("scene",),
         outputs=(
             Output("masks"),
-            Output("masks/scores.json", proof=True),
+            Output("masks/scores.json", required=True),
             Output("masks/contact_sheet.jpg", "masks"),
         ),
         cost={
@@ -144,7 +145,7 @@ STAGES: tuple[Stage, ...] = (
         reads=("scene", "masks"),
         outputs=(
             Output("checkpoints"),
-            Output("checkpoints/field.npz", proof=True),
+            Output("checkpoints/field.npz", required=True),
             Output("field.ply", "field", kept=True, manifest="field"),
         ),
         cost={
@@ -167,9 +168,9 @@ STAGES: tuple[Stage, ...] = (
         sections={"mesh": "Mesh"},
         options=("device", "blocks"),
         reads=("scene", "masks", "field"),
-        taken=True,
+        user_facing=True,
         outputs=(
-            Output("mesh.ply", "mesh", proof=True, kept=True, manifest="mesh"),
+            Output("mesh.ply", "mesh", required=True, kept=True, manifest="mesh"),
             Output("mesh_parts.npz", kept=True, manifest="parts"),
         ),
         cost={
@@ -190,20 +191,20 @@ STAGES: tuple[Stage, ...] = (
         options=("device",),
         inputs="survey",
         reads=("scene", "masks", "field", "mesh"),
-        taken=True,
+        user_facing=True,
         outputs=(
             Output("mesh.obj", "obj", option="export_obj", kept=True),
             Output("mesh.glb", "glb", option="export_glb", kept=True),
             Output("texture.jpg", "texture", option="texture", kept=True, manifest="texture"),
             Output("mesh_texture.npz", option="texture", kept=True, manifest="texture_uv"),
             Output("mesh.mtl", kept=True),
-            Output("report.html", "report", proof=True, kept=True, manifest="report"),
-            Output("report.json", "figures", proof=True, kept=True),
+            Output("report.html", "report", required=True, kept=True, manifest="report"),
+            Output("report.json", "figures", required=True, kept=True),
             Output("report", kept=True),
             Output("renders", "renders", kept=True),
             Output("georef.json", kept=True),
             Output("georeferenced", "georeferenced", kept=True),
-            Output(MANIFEST, proof=True),
+            Output(MANIFEST, required=True),
         ),
         cost={
             "cpu": {"": 1.6, "photos pixels": 0.03, "textured": 0.42, "measured pixels": 0.6},
@@ -213,31 +214,31 @@ STAGES: tuple[Stage, ...] = (
     ),
 )  # fmt: skip
 STAGE_NAMES = tuple(stage.name for stage in STAGES)
-#: Options that belong to no stage: how a job runs.
+#: Section of the options that belong to no stage: how a job runs.
 RUN_SECTION = {"run": "Run"}
-#: Section of options -> its heading, in order.
+#: Section of options -> its heading, in the order of panel and docs.
 SECTIONS: dict[str, str] = {**RUN_SECTION, **{k: v for stage in STAGES for k, v in stage.sections.items()}}
 _BY_NAME = {stage.name: stage for stage in STAGES}
 
 
 def stage_named(name: str) -> Stage:
-    """Return the stage of that name.
+    """Return the stage of a name.
 
     Raises:
-        KeyError: there is none.
+        KeyError: there is no such stage.
     """
     return _BY_NAME[name]
 
 
 def stage_of_section(section: str) -> Stage:
-    """Return the first stage whose result the options of a section decide.
+    """Return the first stage whose result depends on the options of a section.
 
     Raises:
-        StopIteration: no stage's.
+        StopIteration: there is no such stage.
     """
     return next(stage for stage in STAGES if section in stage.sections)
 
 
 def outputs() -> list[Output]:
-    """Return what all stages write, in order."""
+    """Return the outputs of all stages, in order."""
     return [output for stage in STAGES for output in stage.outputs]

@@ -16,7 +16,6 @@ import pytest
 
 import mgf_engine as mgf
 from benchmarks.synthetic.house import House, build_house
-from mgf_engine import api
 from mgf_engine.geometry.mesh_files import write_ply
 
 STEPS = ("reconstruct", "read_scene", "make_masks", "train", "extract_mesh", "render", "evaluate")
@@ -42,7 +41,10 @@ def test_the_example_of_each_function_runs(name: str, house: House, tmp_path: Pa
 def test_every_function_is_typed_and_says_what_it_takes(name: str) -> None:
     function = getattr(mgf, name)
     parameters = inspect.signature(function).parameters
-    assert set(get_type_hints(function, vars(api) | {"Any": object})) == {*parameters, "return"}
+    assert set(get_type_hints(function, vars(sys.modules[function.__module__]) | {"Any": object})) == {
+        *parameters,
+        "return",
+    }
     for parameter in parameters:
         assert f"\n        {parameter}: " in function.__doc__, parameter
 

@@ -12,26 +12,16 @@ from pathlib import Path
 import pytest
 
 from benchmarks.synthetic.house import House, build_house
-from mgf_engine import estimate as module
-from mgf_engine import memory
+from mgf_engine import machine_speed, memory
 from mgf_engine.cli import main
 from mgf_engine.config import make_config
 from mgf_engine.costs import COSTS, amount, bytes_of
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import (
-    Photos,
-    Took,
-    estimate,
-    inspect_photos,
-    known_speed,
-    learn,
-    quantities,
-    remedy,
-    shortage,
-    with_clicks,
-)
+from mgf_engine.estimate import Photos, estimate, inspect_photos, quantities, with_clicks
+from mgf_engine.machine_speed import StageTime, known_speed, record_speed
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
+from mgf_engine.memory_check import remedy, shortage
 from mgf_engine.messages import Reporter
 from mgf_engine.stages import STAGE_NAMES
 
@@ -90,7 +80,7 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> House:
 
 @pytest.fixture(autouse=True)
 def _nothing_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "user_cache", lambda: tmp_path / "cache")
+    monkeypatch.setattr(machine_speed, "user_cache", lambda: tmp_path / "cache")
     yield
     memory.allow(0.0)
 
@@ -286,9 +276,9 @@ def test_it_learns_the_speed_of_the_machine(tmp_path: Path) -> None:
     asked = quantities(config, photos)
 
     def after(cpu: float, clock: float) -> float | None:
-        """What is learned of a job that takes so many times the usual processor time and time by the clock."""
-        took = {s: Took(clock * usual[s], cpu * amount(COSTS["stages"][s]["cpu"], asked)) for s in STAGE_NAMES}
-        return learn(config, photos, took)
+        """The speed measured by a job whose CPU and wall times are these multiples of the expected ones."""
+        times = {s: StageTime(clock * usual[s], cpu * amount(COSTS["stages"][s]["cpu"], asked)) for s in STAGE_NAMES}
+        return record_speed(asked, times)
 
     assert after(3.0, 12.0) == pytest.approx(3)  # other programs ran beside
     assert estimate(config, photos).seconds["field"] == pytest.approx(3 * usual["field"], rel=1e-3)

@@ -22,7 +22,8 @@ ORDER = (
     *("messages", "terminal", "reported", "output_folder"),  # reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
-    *("runs", "inputs", "job_folder", "stage_keys", "job", "results", "estimate"),  # the job folder
+    *("runs", "inputs", "job_folder", "stage_keys", "job", "results"),  # the job folder
+    *("machine_speed", "estimate", "memory_check", "estimate_report"),  # time and memory
     *("georef", "export", "drawings", "models", "runners", "pipeline", "town", "api"),  # whole jobs
     *("clean", "doctor", "cli_arguments", "cli", "__main__"),
 )

@@ -39,7 +39,7 @@ def run(source: Path, monkeypatch):
             def work(job: Job, reporter: Reporter) -> dict:
                 if name == "masks":
                     job.keep_clicks()
-                for file in stage_named(name).proofs:
+                for file in stage_named(name).required_outputs:
                     job.path(file).parent.mkdir(parents=True, exist_ok=True)
                     job.path(file).write_text("{}")
                 if middle and name in middle:

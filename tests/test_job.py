@@ -265,7 +265,7 @@ def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path,
 
 def leave_results(job: Job) -> None:
     for stage in STAGE_NAMES:
-        for name in (*stage_named(stage).proofs, *stage_named(stage).on_request.get("texture", ())):
+        for name in (*stage_named(stage).required_outputs, *stage_named(stage).optional_outputs.get("texture", ())):
             job.path(name).parent.mkdir(parents=True, exist_ok=True)
             job.path(name).write_bytes(b"{}")
 
@@ -290,7 +290,7 @@ def test_results_that_are_gone_are_missed_where_they_are_needed(tmp_path, source
         for name in deleted:
             job.path(name).unlink()
     with Job.start(tmp_path / "job", given=options, resume=True) as job:
-        assert job.lost("deliver") == lost
+        assert job.missing_results("deliver") == lost
 
 
 def test_a_result_whose_run_was_deleted_by_hand_is_made_again(tmp_path: Path, source: Path) -> None:
@@ -298,9 +298,9 @@ def test_a_result_whose_run_was_deleted_by_hand_is_made_again(tmp_path: Path, so
         finish_all(job)
         leave_results(job)
         keep_run(job.folder, ["mesh.ply"], {"views": [], "mesh": "mesh.ply", "figures": {}}, {})
-        assert job.lost("deliver") == set()
+        assert job.missing_results("deliver") == set()
         shutil.rmtree(job.path("runs"))
-        assert job.lost("deliver") == {"deliver"}
+        assert job.missing_results("deliver") == {"deliver"}
 
 
 @pytest.mark.parametrize("stage", STAGE_NAMES)
@@ -308,8 +308,8 @@ def test_the_stage_that_is_asked_for_is_missed_in_any_case(tmp_path: Path, sourc
     with Job.start(tmp_path / "job", source) as job:
         finish_all(job)
         leave_results(job)
-        job.path(stage_named(stage).proofs[0]).unlink()
-        assert job.lost(stage) == {stage}
+        job.path(stage_named(stage).required_outputs[0]).unlink()
+        assert job.missing_results(stage) == {stage}
 
 
 @pytest.mark.parametrize(("stage", "load"), [("scene", load_scene_of), ("field", load_field), ("mesh", load_mesh)])

@@ -22,8 +22,8 @@ from mgf_engine.stages import Output, Stage
 
 weigh = Stage(
     name="weigh", help="weigh the building", progress="Weighing the building", share=0.0, run="weighing:weigh",
-    sections={"weighing": "Weighing"}, options=("seed",), reads=("mesh",), taken=True,
-    outputs=(Output("weight.txt", "weight", proof=True, kept=True, manifest="weight"),),
+    sections={"weighing": "Weighing"}, options=("seed",), reads=("mesh",), user_facing=True,
+    outputs=(Output("weight.txt", "weight", required=True, kept=True, manifest="weight"),),
     cost={"cpu": {"": 7.0}, "serial": 1.0, "bytes": {"": 1e9}},
 )
 table = list(stages.STAGES)
@@ -65,7 +65,7 @@ with job.Job.start(source / "job", source) as work:
     linked = report._files(work)
     figures = work.stages["weigh"]["figures"]
     work.path("weight.txt").unlink()
-    lost = work.lost("weigh")
+    lost = work.missing_results("weigh")
 with job.Job.start(source / "job", given={"seed": 5}, resume=True) as work:
     kept_key = work.keys["weigh"] == keys["weigh"]
 photos = estimate.Photos(10, (400, 300))
@@ -126,9 +126,9 @@ def test_a_sixth_stage_is_in_the_benchmarks() -> None:
 
 def test_every_stage_says_what_it_reads_and_writes() -> None:
     for place, stage in enumerate(STAGES):
-        assert set(stage.reads) <= set(STAGE_NAMES[:place]) and stage.proofs
+        assert set(stage.reads) <= set(STAGE_NAMES[:place]) and stage.required_outputs
         assert stage.runner().__doc__
-        assert {*stage.on_request, *stage.options} <= {f.name for f in option_fields()}
+        assert {*stage.optional_outputs, *stage.options} <= {f.name for f in option_fields()}
         assert stage_named(stage.name) is stage
     assert stage_of_section("georef").name == "deliver"
     for names in ([o.path for o in outputs()], [o.name for o in outputs() if o.name]):
@@ -136,5 +136,5 @@ def test_every_stage_says_what_it_reads_and_writes() -> None:
 
 
 def test_what_lies_in_a_folder_is_removed_with_it() -> None:
-    assert stage_named("field").written == ("checkpoints", "field.ply")
-    assert stage_named("field").proofs == ("checkpoints/field.npz",)
+    assert stage_named("field").output_paths == ("checkpoints", "field.ply")
+    assert stage_named("field").required_outputs == ("checkpoints/field.npz",)

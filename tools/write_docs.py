@@ -114,7 +114,7 @@ def architecture_page() -> str:
     rows = ["| stage | what it does | reads | writes | function |", "|---|---|---|---|---|"]
     for stage in STAGES:
         reads = ", ".join(f"`{name}`" for name in stage.reads) or "the user's files"
-        writes = ", ".join(f"`{path}`" for path in stage.written)
+        writes = ", ".join(f"`{path}`" for path in stage.output_paths)
         rows.append(f"| `{stage.name}` | {_cell(stage.help)} | {reads} | {writes} | `{stage.run}` |")
     return head + "\n".join([_BEGIN, "", *rows, "", _END]) + tail
 

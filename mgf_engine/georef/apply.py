@@ -85,8 +85,8 @@ def check_finished(job: Job) -> None:
             f"The job in '{job.folder}' is not finished (its stage '{undone[0]}' has not ended); run 'mgf reconstruct "
             "--resume' first."
         )
-    proofs = (name for stage in STAGES for name in stage.proofs if stage.taken)
-    lost = [name for name in ("scene/scene.npz", *proofs) if not job.path(name).exists()]
+    required = (name for stage in STAGES for name in stage.required_outputs if stage.user_facing)
+    lost = [name for name in ("scene/scene.npz", *required) if not job.path(name).exists()]
     if lost or not delivered(job.folder):
         what = f"'{lost[0]}'" if lost else f"a file that its {MANIFEST} names"
         raise BadInput(f"The job in '{job.folder}' has lost {what}; run 'mgf reconstruct --resume' to make it again.")
