@@ -26,11 +26,14 @@ from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Frame, Survey
+from mgf_engine.drawings.opening_edges import edge_photos
+from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.job_folder import read_job, with_algorithms_of_job
 from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 Array = NDArray[np.float64]
 FILLINGS = ("glass", "wood", "metal_door")  # of windows, doors and gates: one polygon over the whole opening
@@ -41,7 +44,12 @@ DEEP = 0.4  # metres in front of an opening's filling within which nothing else 
 
 @dataclass(frozen=True)
 class Score:
-    """What became of the openings of one job; ``off`` are the distances of the corners of those found, metres."""
+    """What became of the openings of one job.
+
+    Attributes:
+        openings, found, false: how many there are, how many of them were found, and how many were drawn besides.
+        off: of those found, by how much left, low, right and high are too large, metres [found, 4].
+    """
 
     openings: int
     found: int
@@ -51,7 +59,14 @@ class Score:
     @property
     def rms(self) -> float:
         """Root mean square distance of the corners, millimetres; NaN where nothing was found."""
-        return 1000 * float(np.sqrt(np.mean(self.off**2))) if len(self.off) else float("nan")
+        return 1000 * float(np.sqrt(2 * np.mean(self.off**2))) if len(self.off) else float("nan")
+
+    @property
+    def edges(self) -> tuple[float, float]:
+        """Median distance of the edges at the sides, and of those above and below, millimetres."""
+        if not len(self.off):
+            return float("nan"), float("nan")
+        return 1000 * float(np.median(np.abs(self.off[:, ::2]))), 1000 * float(np.median(np.abs(self.off[:, 1::2])))
 
 
 def true_openings(parts: Sequence[Part]) -> list[Array]:
@@ -100,8 +115,8 @@ def compare(true: Array, drawn: Array) -> Score:
     overlap = overlaps(true, drawn)
     rows, columns = linear_sum_assignment(overlap, maximize=True)
     good = overlap[rows, columns] >= OVERLAP
-    apart = (true[rows[good]] - drawn[columns[good]])[:, [[0, 1], [0, 3], [2, 1], [2, 3]]]
-    return Score(len(true), int(good.sum()), len(drawn) - int(good.sum()), np.linalg.norm(apart, axis=2).ravel())
+    off = drawn[columns[good]] - true[rows[good]]
+    return Score(len(true), int(good.sum()), len(drawn) - int(good.sum()), off)
 
 
 def read_scene_record(job: Path) -> tuple[Path, dict[str, Any]]:
@@ -129,9 +144,12 @@ def score(job: Path, scene: Path, spec: dict[str, Any]) -> Score:
     truth, config = read_surface(scene / "truth.ply"), with_algorithms_of_job(job, {})
     survey = read_survey(job, options=config.algorithm(UpOptions))
     planes = survey_planes(survey, config.algorithm(PlanarOptions))
+    options = config.algorithm(TextureOptions)
+    painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options)
+    photos = edge_photos(survey, painting, Visibility(survey, painting))
     scores = []
     for facade in find_facades(survey, config.algorithm(FacadeOptions)):
-        drawing = draw_elevation(survey, planes, facade.frame, config.algorithm(ElevationOptions))
+        drawing = draw_elevation(survey, planes, facade.frame, config.algorithm(ElevationOptions), photos)
         true = boxes_in(openings, facade.frame, survey, truth)
         scores.append(compare(true, np.array(drawing.openings).reshape(-1, 4)))
     return Score(
@@ -145,7 +163,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.openings", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("jobs", type=Path, nargs="+", metavar="JOB", help="job folder of a generated scene")
     args = parser.parse_args(argv)
-    print("| scene | openings | found | missed | false | RMS of corners, mm |\n|---|---|---|---|---|---|")
+    print("| scene | openings | found | missed | false | RMS of corners, mm | median at the sides | above and below |")
+    print("|---|---|---|---|---|---|---|---|")
     for job in args.jobs:
         try:
             scene, record = read_scene_record(job)
@@ -153,10 +172,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BadInput as error:
             print(f"Error: {error}", file=sys.stderr)
             return 2
-        print(
-            f"| {record['name']} | {s.openings} | {s.found} | {s.openings - s.found} | {s.false} | {s.rms:.0f} |",
-            flush=True,
+        row = (
+            record["name"],
+            s.openings,
+            s.found,
+            s.openings - s.found,
+            s.false,
+            *(f"{v:.0f}" for v in (s.rms, *s.edges)),
         )
+        print("| " + " | ".join(map(str, row)) + " |", flush=True)
     return 0
 
 

@@ -147,6 +147,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),
     Algorithm("rectangles", "drawings", "Rectangles of openings in drawings", "drawings.rectangles:RectangleOptions"),
     Algorithm("wall_openings", "drawings", "Windows and doors of elevations, by their depth in a wall", "drawings.openings:WallOpeningOptions"),
+    Algorithm("opening_edges", "drawings", "Edges of windows and doors, from the photos", "drawings.opening_edges:OpeningEdgeOptions"),
     Algorithm("frayed_lines", "drawings", "Frayed borders that are drawn as one level or upright line", "drawings.fraying:FrayOptions"),
     Algorithm("section_cuts", "drawings", "Sections through the mesh", "drawings.section:SectionOptions"),
     Algorithm("part_outlines", "drawings", "Outlines of windows and other named parts", "drawings.parts:PartOutlineOptions", also=("models",)),

@@ -11,6 +11,7 @@ import numpy as np
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.merge_segments import merge_segments
 from mgf_engine.drawings.model import CREASE, DETAIL, LEANING, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
+from mgf_engine.drawings.opening_edges import EdgePhotos
 from mgf_engine.drawings.openings import WallOpeningOptions, find_openings
 from mgf_engine.drawings.project import Grid, render_grid
 from mgf_engine.drawings.rectangles import RectangleOptions, fit_rectangle, rectangle_stroke
@@ -39,7 +40,11 @@ class ElevationOptions:
 
 
 def draw_elevation(
-    survey: Survey, planes: Planes, frame: Frame, options: ElevationOptions = ElevationOptions()
+    survey: Survey,
+    planes: Planes,
+    frame: Frame,
+    options: ElevationOptions = ElevationOptions(),
+    photos: EdgePhotos | None = None,
 ) -> LineDrawing:
     """Draw what a frame shows, as lines.
 
@@ -48,9 +53,10 @@ def draw_elevation(
         planes: of the mesh.
         frame: plane and extent of the drawing.
         options: limits of edges and creases.
+        photos: to take edges of openings from; None takes them from the mesh.
     """
     regions = find_regions(survey, planes, frame, options.regions)
-    boxes = _openings(survey, regions, options)
+    boxes = _openings(survey, regions, options, photos)
     chains = trace(regions.label)
     kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
     slack = options.openings.side * survey.working_pixel / regions.grid.resolution
@@ -81,11 +87,12 @@ def draw_elevation(
     return LineDrawing(frame, lines, [], openings)
 
 
-def _openings(survey: Survey, regions: Regions, options: ElevationOptions) -> list[Array]:
+def _openings(survey: Survey, regions: Regions, options: ElevationOptions, photos: EdgePhotos | None) -> list[Array]:
     """Return left, top, right, bottom of the openings in upright walls, in pixels of the map; none seen from above."""
     if abs(regions.grid.frame.normal[2]) > LEANING:
         return []
-    return find_openings(regions, render_grid(survey, regions.grid), survey.working_pixel, options.openings)
+    seen = render_grid(survey, regions.grid)
+    return find_openings(regions, seen, survey.working_pixel, options.openings, photos)
 
 
 def _is_within(chain: Chain, boxes: list[Array], slack: float) -> bool:

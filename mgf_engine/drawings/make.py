@@ -13,6 +13,7 @@ from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_faca
 from mgf_engine.drawings.ground import ground_of
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Facade, Frame, Survey
+from mgf_engine.drawings.opening_edges import edge_photos
 from mgf_engine.drawings.orthophoto import Visibility, paint, unseen_text
 from mgf_engine.drawings.parts import PartOutlineOptions, part_lines, part_shares
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid, round_resolution
@@ -172,7 +173,9 @@ def _draw_frame(
         outlines = work.config.algorithm(PartOutlineOptions)
         parts = part_lines(part_shares(survey, painting, visibility, seen, outlines), seen.grid, outlines)
         if work.wants("elevations", "sheets"):
-            drawing = with_parts(draw_elevation(survey, planes, frame, work.config.algorithm(ElevationOptions)), parts)
+            photos = edge_photos(survey, painting, visibility)
+            lines = draw_elevation(survey, planes, frame, work.config.algorithm(ElevationOptions), photos)
+            drawing = with_parts(lines, parts)
         if drawing is not None and work.wants("elevations"):
             write_lines(work, "roof" if facade is None else f"elevation-{frame.name}", drawing, "elevation")
     if drawing is not None and image is not None and work.wants("sheets"):

@@ -2,7 +2,8 @@
 """Windows, doors and niches of an elevation: rectangles at which the mesh lies behind the plane of a wall.
 
 The mesh slopes from the wall into an opening, over several pixels and never evenly. Each edge is put where the median
-over the rows that cross it is half as deep as the opening, which does not depend on where a region's border frays.
+over the rows that cross it is half as deep as the opening, which does not depend on where a region's border frays. The
+photos then say where between wall and bottom the edge is (:mod:`mgf_engine.drawings.opening_edges`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from scipy.ndimage import find_objects
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array
+from mgf_engine.drawings.opening_edges import EdgePhotos, OpeningEdgeOptions, move_edges
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.rectangles import align_edges
 from mgf_engine.drawings.regions import Regions
@@ -37,10 +39,15 @@ class WallOpeningOptions:
     aligned: float = parameter(3.0, "Distance within which edges of openings are put on one line", "ground px")
     wall: float = parameter(0.02, "Minimum area of a wall, as a share of what the drawing shows", high=1)
     facing: float = parameter(0.97, "Smallest cosine between the normals of wall and drawing", high=1)
+    edges: OpeningEdgeOptions = OpeningEdgeOptions()
 
 
 def find_openings(
-    regions: Regions, seen: GridBuffers, pixel: float, options: WallOpeningOptions = WallOpeningOptions()
+    regions: Regions,
+    seen: GridBuffers,
+    pixel: float,
+    options: WallOpeningOptions = WallOpeningOptions(),
+    photos: EdgePhotos | None = None,
 ) -> list[Array]:
     """Find openings: left, top, right, bottom of each in pixels of the map [4].
 
@@ -49,19 +56,25 @@ def find_openings(
         seen: the mesh at the pixels of the same map.
         pixel: a ground pixel, local unit.
         options: what counts as an opening.
+        photos: to take edges from; None leaves them where the mesh has them.
     """
-    found = list[tuple[float, Array]]()
-    for depth, box, area in _walls(regions, seen, options):
+    found = list[tuple[float, Array, int]]()
+    for wall, depth, box, area in _walls(regions, seen, options):
         for score, rectangle in _in_wall(depth, pixel, regions.grid.resolution, area, options):
-            found.append((score, rectangle + np.tile([box[1].start, box[0].start], 2)))
-    boxes = np.array(_without_doubles(found)).reshape(-1, 4)
-    return list(align_edges(boxes, options.aligned * pixel / regions.grid.resolution))
+            found.append((score, rectangle + np.tile([box[1].start, box[0].start], 2), wall))
+    kept = _without_doubles(found)
+    boxes, within = np.array([box for box, _ in kept]).reshape(-1, 4), options.aligned * pixel / regions.grid.resolution
+    boxes = align_edges(boxes, within)
+    if photos is None or not len(boxes):
+        return list(boxes)
+    moved = move_edges(boxes, [wall for _, wall in kept], regions, pixel, photos, options.edges)
+    return list(align_edges(moved, 0.5 * within))
 
 
 def _walls(
     regions: Regions, seen: GridBuffers, options: WallOpeningOptions
-) -> Iterator[tuple[NDArray[np.float32], tuple[slice, slice], int]]:
-    """Yield each wall's depth map (behind its plane; NaN where nothing is seen), its box in the map, and its area."""
+) -> Iterator[tuple[int, NDArray[np.float32], tuple[slice, slice], int]]:
+    """Yield each wall's label, depth map (behind its plane; NaN where nothing is seen), box in the map, and area."""
     label = np.where(regions.label > len(regions.slope), 0, regions.label)
     shown = int((seen.face >= 0).sum())
     for value, box in enumerate(find_objects(label), start=1):
@@ -70,7 +83,8 @@ def _walls(
             continue
         rows, columns = np.mgrid[box]
         at = regions.grid.places(np.stack([columns, rows], -1).reshape(-1, 2) + 0.5)
-        yield (regions.before(value, at).reshape(rows.shape) - seen.before[box]).astype(np.float32), box, area
+        depth = (regions.before(value, at).reshape(rows.shape) - seen.before[box]).astype(np.float32)
+        yield value, depth, box, area
 
 
 def _in_wall(
@@ -143,12 +157,12 @@ def _filling(share: NDArray[np.float32], rectangle: Array, side: float) -> tuple
     return *shares, float(wall.mean()) if wall.size else 0.0
 
 
-def _without_doubles(found: list[tuple[float, Array]]) -> list[Array]:
-    """Drop rectangles much of which lies in one that is more like a rectangle, or that in them."""
-    kept = list[Array]()
-    for _, box in sorted(found, key=lambda entry: -entry[0]):
-        both = [np.prod(np.maximum(np.minimum(box[2:], o[2:]) - np.maximum(box[:2], o[:2]), 0)) for o in kept]
-        areas = [min(np.prod(o[2:] - o[:2]), np.prod(box[2:] - box[:2])) for o in kept]
+def _without_doubles(found: list[tuple[float, Array, int]]) -> list[tuple[Array, int]]:
+    """Drop rectangles much of which lies in one that is more like a rectangle, or that in them; each with its wall."""
+    kept = list[tuple[Array, int]]()
+    for _, box, wall in sorted(found, key=lambda entry: -entry[0]):
+        both = [np.prod(np.maximum(np.minimum(box[2:], o[2:]) - np.maximum(box[:2], o[:2]), 0)) for o, _ in kept]
+        areas = [min(np.prod(o[2:] - o[:2]), np.prod(box[2:] - box[:2])) for o, _ in kept]
         if all(b < 0.3 * a for b, a in zip(both, areas, strict=True)):
-            kept.append(box)
+            kept.append((box, wall))
     return kept

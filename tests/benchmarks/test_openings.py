@@ -25,6 +25,7 @@ def test_half_an_overlap_is_found_and_the_rest_missed_or_false() -> None:
     score = compare(true, drawn)
     assert (score.openings, score.found, score.false) == (3, 1, 2)
     assert score.rms == pytest.approx(100.0)
+    assert score.edges == pytest.approx((100.0, 0.0))
     assert np.isnan(compare(true, np.zeros((0, 4))).rms)
 
 
