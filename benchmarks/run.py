@@ -19,8 +19,9 @@ from typing import Any
 from benchmarks.arguments import count, engine_options, results_folder
 from benchmarks.catalogue import SCENES, scene_spec
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
-from benchmarks.suites import PRINTED, SUITES, SuiteSettings, half_of, suite_runs
+from benchmarks.suites import PRINTED, SUITES, Run, SuiteSettings, half_of, suite_runs
 from mgf_engine import __version__
+from mgf_engine.config import make_config
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.option_input import named_values
 from mgf_engine.system import write_json
@@ -105,29 +106,8 @@ def _run_suite(args: argparse.Namespace) -> int:
         runs = half_of(runs, args.half == "held-out")
     before = None if args.before is None else _read_table(args.before)
     results_folder(args.out)
-    scenes: dict[str, Prepared] = {}
-    rows: list[dict[str, Any]] = []
-    failed = 0
-    for number, run in enumerate(runs, 1):
-        path = args.out / "results" / f"{run.key(_label(args))}.json"
-        if not path.exists() and not args.page_only:
-            if run.scene not in scenes:
-                scenes[run.scene] = prepare_scene(run.scene, args.photos, args.width)
-            print(f"[{number}/{len(runs)}] {run.scene}: {run.variant}, seed {run.seed}", flush=True)
-            job = args.out / "jobs" / path.stem
-            row = measure(run, scenes[run.scene], job, args.samples, args.keep_jobs, _stage_cache(args))
-            if row.get("failed"):
-                failed += 1
-                print(f"    failed: {row['failed']}", flush=True)
-                rows.append(row)
-                continue
-            write_json(path, row)
-        if path.exists():
-            # Names may change between versions of a suite; the result stays the same.
-            row = {**json.loads(path.read_text(encoding="utf-8")), "variant": run.variant, "group": run.group}
-            row |= _size(run.scene, args)
-            rows.append(row)
-            print(f"    {_headline(row)}", flush=True)
+    rows = _measured(args, runs)
+    failed = sum("failed" in row for row in rows)
     write_json(args.out / f"{args.suite}.json", rows)
     page = write_page(args.suite, rows, args.out, before)
     if args.chart:
@@ -136,6 +116,41 @@ def _run_suite(args: argparse.Namespace) -> int:
         write_table(args.write, args.suite, SUITES[args.suite], rows, _further(args, tools), args.chart)
     print(f"{len(rows)} of {len(runs)} results, {failed} failed; page: {page}")
     return EXIT_FAULT if failed else EXIT_DONE
+
+
+def _measured(args: argparse.Namespace, runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return the rows of all runs that have a result or failed; measures those that have none yet."""
+    scenes: dict[str, Prepared] = {}
+    rows: list[dict[str, Any]] = []
+    for number, run in enumerate(runs, 1):
+        path = args.out / "results" / f"{run.key(_label(args))}.json"
+        if not path.exists() and not args.page_only:
+            if run.scene not in scenes:
+                scenes[run.scene] = prepare_scene(run.scene, args.photos, args.width)
+            if args.suite == "resolution" and (most := _enlarged(run, scenes[run.scene])):
+                print(f"{run.scene}: {run.variant} left out: its photos have {most} pixels; render with --width")
+                continue
+            print(f"[{number}/{len(runs)}] {run.scene}: {run.variant}, seed {run.seed}", flush=True)
+            job = args.out / "jobs" / path.stem
+            row = measure(run, scenes[run.scene], job, args.samples, args.keep_jobs, _stage_cache(args))
+            if row.get("failed"):
+                print(f"    failed: {row['failed']}", flush=True)
+                rows.append(row)
+                continue
+            write_json(path, row)
+        if path.exists():
+            # Names may change between versions of a suite; the result stays the same.
+            row = {**json.loads(path.read_text(encoding="utf-8")), "variant": run.variant, "group": run.group}
+            rows.append(row | _size(run.scene, args))
+            print(f"    {_headline(rows[-1])}", flush=True)
+    return rows
+
+
+def _enlarged(run: Run, scene: Prepared) -> int:
+    """Return the longest side of a scene's photos, px, where a run is to work on larger ones; else 0. Photos are never
+    enlarged."""
+    most = max(max(camera.width, camera.height) for camera in scene.cameras)
+    return most if make_config(run.options).resolution > most else 0
 
 
 def _size(scene: str, args: argparse.Namespace) -> dict[str, int]:

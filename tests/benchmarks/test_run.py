@@ -165,6 +165,12 @@ def test_a_tool_that_fails_is_reported_and_tried_again_next_time(
     assert "no luck today" in (out / "peers.html").read_text(encoding="utf-8")
 
 
+def test_photos_are_not_measured_at_more_pixels_than_they_have(scene: Path, tmp_path: Path, capsys) -> None:
+    assert bench_main(["resolution", "--scenes", str(scene), "--out", str(tmp_path / "out")]) == 0
+    assert capsys.readouterr().out.count("left out: its photos have 96 pixels") == 6
+    assert not list((tmp_path / "out").glob("jobs/*"))
+
+
 def test_unknown_names_are_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert bench_main(["resolution", "--scenes", "nowhere", "--out", str(tmp_path)]) == 2
     assert "There is no scene 'nowhere'" in capsys.readouterr().err
