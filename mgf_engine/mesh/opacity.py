@@ -110,13 +110,16 @@ class OpacityField:
         return np.where(self.classify(points, progress) == SOLID, -np.inf, np.inf).astype(np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
-        """Set the level to the median opacity (eq. 25) of triangulated points of the surface [N, 3]; returns it."""
+        """Set the level to the median opacity (eq. 25) of triangulated points of the surface [N, 3]; returns it.
+
+        Points where the field is empty do not count: the surface is missing there, whatever the level.
+        """
         points32 = np.ascontiguousarray(points, dtype=np.float32)
         state, _ = self._seen(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
         for view, mask in zip(self.views, self.asked, strict=True):
             self._kernel.lower(lowest, points32, view, mask)
-        found = lowest[(state == SOLID) & (lowest[:, 0] <= 1.0), 0]
+        found = lowest[(state == SOLID) & (lowest[:, 0] >= self.options.levels[0]) & (lowest[:, 0] <= 1.0), 0]
         if len(found) >= self.options.calibration_points:
             self.level = float(np.clip(np.median(found), *self.options.levels))
         return self.level

@@ -112,6 +112,19 @@ def test_the_level_is_calibrated_on_points_of_the_surface(setting):
     assert (field.classify(points) == SOLID).mean() == pytest.approx(0.5, abs=0.02)
 
 
+def test_points_where_the_field_is_empty_do_not_calibrate_the_level(setting):
+    """Screening may have removed most of the surface (a tree before one clicked photo): the level is of what is left."""
+    field, views, masks = setting
+    directions = np.random.default_rng(3).normal(size=(600, 3))
+    points = 1.03 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    left = points[:, 0] > 0.5
+    wanted = make("opacity", setting).calibrate(points[left])
+    part = field.select(field.positions[:, 0] > 0.3)
+    level = OpacityField(part, views, masks).calibrate(points)
+    assert left.mean() < 0.3 and level == pytest.approx(wanted, abs=0.1)
+    assert OpacityField(part, views, masks).calibrate(points[points[:, 0] < 0]) == 0.5  # none is left: as it was
+
+
 def test_without_the_hull_background_frees_nothing(setting):
     field, views, masks = setting
     blank = [np.full_like(m, OUTSIDE) if i < 8 else m for i, m in enumerate(masks)]
