@@ -10,7 +10,7 @@ from .common.text import draw_sentence, draw_value, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
 from .engine.install import has_nvidia
-from .engine.swap import unfinished
+from .engine.swap import discarding, unfinished
 from .engine.task import CANCELLED, DONE, FAILED, RUNNING
 
 
@@ -113,7 +113,9 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         left = not there and unfinished(managed_environment()).exists()
         if there or left:
             row.operator("mgf.remove_engine", text="", icon="TRASH")
-        if left and not operators.installing():
+        if discarding():
+            draw_sentence(layout, tr("The files of an engine are being removed"), "INFO")
+        elif left and not operators.installing():
             text = tr("An installation was interrupted; install again, or remove what is left of it")
             draw_sentence(layout, text, "INFO")
         if not there and not self.wheel_folder and not bpy.app.online_access:

@@ -23,7 +23,7 @@ from .environment import python_of
 from .task import CANCELLED, DONE, Step, Task
 
 #: Roughly what the engine takes on disk, for the question before the download.
-SIZE_CPU, SIZE_CUDA = N_("about 2 GB"), N_("about 7 GB")
+_SIZE_CPU, _SIZE_CUDA, _SIZE_EITHER = N_("about 2 GB"), N_("about 7 GB"), N_("2 to 7 GB, as that index has it")
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _FREE_CPU, _FREE_CUDA = 3, 7  # GiB
 #: The engine's extras with the packages for drawings and map coordinates, and for models.
@@ -106,6 +106,23 @@ def wheel_fits(name: str, system: str, machine: str) -> bool:
 def has_nvidia() -> bool:
     """Tell whether an NVIDIA driver is on this machine."""
     return shutil.which("nvidia-smi") is not None
+
+
+def size(torch: str, default_index: bool) -> str:
+    """Return roughly what the engine takes on disk, to be translated.
+
+    Args:
+        torch: "cpu" or "cuda".
+        default_index: the build is whichever the configured package index has.
+    """
+    if torch == "cuda":
+        return _SIZE_CUDA
+    return _SIZE_EITHER if _may_bring_cuda(default_index) else _SIZE_CPU
+
+
+def _may_bring_cuda(default_index: bool) -> bool:
+    """Tell whether the CUDA build can come without having been asked for: on Linux that is what PyPI has."""
+    return default_index and sys.platform == "linux"
 
 
 def make_task(plan: Plan, log: Path) -> Task:
@@ -250,7 +267,8 @@ def _long_paths_allowed() -> bool:
 
 def _check_room(plan: Plan) -> None:
     folder = next(p for p in (plan.target, *plan.target.parents) if p.exists())
-    free, needed = shutil.disk_usage(folder).free, _FREE_CPU if plan.torch == "cpu" else _FREE_CUDA
+    small = plan.torch == "cpu" and not (plan.wheel_folder is None and _may_bring_cuda(plan.default_index))
+    free, needed = shutil.disk_usage(folder).free, _FREE_CPU if small else _FREE_CUDA
     if free < needed << 30:
         raise UserError(
             "Only {free:.1f} GB are free in '{folder}'; the engine needs {needed} GB, so free some space.",

@@ -55,7 +55,7 @@ def begin(kind: str, task: Task) -> None:
 def _tick() -> float | None:
     alive = _task is not None and _task.drain()
     redraw()
-    return 0.2 if alive else None
+    return 0.2 if alive or swap.discarding() else None
 
 
 def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
@@ -203,8 +203,16 @@ def _install_question() -> str:
     prefs = preferences()
     if prefs.wheel_folder:
         return tr("The packages come from the wheel folder")
-    size = install.SIZE_CUDA if prefs.torch_build == "CUDA" else install.SIZE_CPU
+    size = install.size(_torch_build(), prefs.default_index)
     return tr("Packages are downloaded from the internet ({size} on disk)", size=tr(size))
+
+
+def _torch_build() -> str:
+    """Return the build of torch that the preferences ask for, "cpu" or "cuda"."""
+    build: str = preferences().torch_build.lower()
+    if build == "auto":
+        return "cuda" if install.has_nvidia() else "cpu"
+    return build
 
 
 def _plan() -> install.Plan:
@@ -220,11 +228,8 @@ def _plan() -> install.Plan:
     if folder is not None and not folder.is_dir():
         raise UserError("The wheel folder '{folder}' does not exist; choose another one.", folder=folder)
     wheel = install.carried_wheel()
-    torch = prefs.torch_build.lower()
-    if torch == "auto":
-        torch = "cuda" if install.has_nvidia() else "cpu"
     return install.Plan(
-        managed_environment(), Path(sys.executable), wheel, wheel.parent / "constraints.txt", folder, torch,
+        managed_environment(), Path(sys.executable), wheel, wheel.parent / "constraints.txt", folder, _torch_build(),
         prefs.default_index, prefs.install_weights,
         Path(bpy.path.abspath(prefs.weights_folder)) if prefs.weights_folder else None, prefs.install_survey,
         prefs.install_models,

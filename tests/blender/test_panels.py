@@ -252,6 +252,10 @@ def test_preferences(addon, engine, source, monkeypatch):
     monkeypatch.setattr(engine_operators, "_task", None)
     assert "Check Engine" in said() and ("Install Engine" in said()) == (source == "MANAGED")
     assert ("Also Install" in said()) == (source == "MANAGED")
+    monkeypatch.setattr(preferences, "discarding", lambda: True)
+    assert ("being removed" in said()) == (source == "MANAGED")
+    assert "interrupted" not in said()
+    monkeypatch.setattr(preferences, "discarding", lambda: False)
     system = bpy.context.preferences.system
     for allowed in (False, True):
         system.use_online_access = allowed

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections import namedtuple
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -74,6 +75,9 @@ def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch):
     install.make_task(plan(tmp_path), tmp_path / "other" / "log.txt")
     with pytest.raises(UserError, match="the engine needs 7 GB"):
         install.make_task(plan(tmp_path, torch="cuda"), tmp_path / "log.txt")
+    monkeypatch.setattr(install.sys, "platform", "linux")
+    with pytest.raises(UserError, match="the engine needs 7 GB"):  # PyPI has the CUDA build
+        install.make_task(plan(tmp_path, default_index=True), tmp_path / "log.txt")
     _set_free(monkeypatch, 1 << 20)
     with pytest.raises(UserError, match="the engine needs 3 GB"):
         install.make_task(plan(tmp_path), tmp_path / "log.txt")
@@ -126,6 +130,19 @@ def test_too_long_a_path_is_said_before_anything_is_written(tmp_path, monkeypatc
     assert not deep.exists() and not (tmp_path / "log.txt").exists()
     monkeypatch.setattr(install, "_long_paths_allowed", lambda: True)
     assert install.make_task(plan(tmp_path, target=deep / "engine"), tmp_path / "log.txt").steps
+
+
+def test_the_question_before_the_download_says_what_may_come(monkeypatch):
+    monkeypatch.setattr(install.sys, "platform", "linux")
+    sizes = [install.size(torch, default) for torch in ("cpu", "cuda") for default in (False, True)]
+    assert sizes == ["about 2 GB", "2 to 7 GB, as that index has it", "about 7 GB", "about 7 GB"]
+    monkeypatch.setattr(install.sys, "platform", "win32")
+    assert install.size("cpu", True) == "about 2 GB"
+    prefs = SimpleNamespace(torch_build="AUTO", wheel_folder="", default_index=False)
+    monkeypatch.setattr(operators, "preferences", lambda: prefs)
+    for there, size in ((True, "7 GB"), (False, "2 GB")):
+        monkeypatch.setattr(install, "has_nvidia", lambda there=there: there)
+        assert size in operators._install_question()
 
 
 def test_an_index_of_torch_that_does_not_answer_is_named_and_no_other_is_asked(tmp_path):
