@@ -113,7 +113,7 @@ def test_the_level_is_calibrated_on_points_of_the_surface(setting):
 
 
 def test_points_where_the_field_is_empty_do_not_calibrate_the_level(setting):
-    """Screening may have removed most of the surface (a tree before one clicked photo): the level is of what is left."""
+    """Screening may have removed most of the surface (a tree before a clicked photo): the level is of what is left."""
     field, views, masks = setting
     directions = np.random.default_rng(3).normal(size=(600, 3))
     points = 1.03 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
