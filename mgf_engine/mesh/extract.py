@@ -74,7 +74,7 @@ def extract_mesh(
     reporter.progress(0.0)
     box = crop_of(options.crop_box, scene)
     with timed_part(times, "points"):
-        kept = screen(gaussians, scene, masks, options.screening)
+        kept = screen(gaussians, scene, masks, options.screening, reporter.warning)
     start = start if trusted.photos is not None else None
     mesh, field = raw_surface(kept, SurfaceInputs(scene, masks, trusted, start, box), options, reporter, times)
     reporter.progress(RAW_SURFACE_DONE, faces=len(mesh.faces))

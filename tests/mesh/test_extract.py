@@ -282,6 +282,27 @@ def test_root_masks_of_the_screening_are_those_that_were_clicked():
         screen(field, suggested, hidden, options)
 
 
+def test_a_photo_whose_mask_alone_removes_much_is_named():
+    """A tree before one root photo takes half of the building away by eq. 22; bushes take little."""
+    scene, masks = scene_of(ring(8), ball())
+    options = mesh_options({"vote_tolerance": 0.0, "votes.few": 0}).screening
+
+    def said(covered: float) -> list[str]:
+        tree = masks.labels[3].copy()
+        tree[:, : int(covered * tree.shape[1])] = 0
+        labels = (*masks.labels[:3], tree, *masks.labels[4:])
+        texts: list[str] = []
+        assert len(screen(sphere(400), scene, replace(masks, labels=labels), options, texts.append)) < 400
+        return texts
+
+    (text,) = said(0.5)
+    assert f"'{scene.views[3].name}' alone removes 49%" in text and "255" in text
+    assert said(0.28) == []
+    loose: list[str] = []
+    screen(sphere(400), scene, masks, mesh_options({}).screening, loose.append)
+    assert loose == []
+
+
 def test_screening_follows_its_switches():
     scene, masks = scene_of(ring(8), ball())
     field = joined(sphere(100), discs([[0.0, 1.9, 0], [1.8, 0, 0.3]], [[0.0, 0, 1]] * 2, 0.1))
