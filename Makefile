@@ -6,7 +6,7 @@ DOCS := .venv-docs
 RUN := $(VENV)/bin/python
 DEMO ?= demo
 
-.PHONY: env env-blender kernels test lint demo docs extension test-window clean
+.PHONY: env env-blender kernels readers test lint demo docs extension test-window clean
 
 env: $(VENV)/.ready
 env-blender: $(BPY)/.ready
@@ -25,6 +25,10 @@ $(BPY)/.ready: constraints-blender.txt
 
 kernels: $(VENV)/.ready
 	$(RUN) -m mgf_engine.native.build
+
+# What tests read GLB and IFC with, where npm and its registry are there; without it they say what they skip.
+readers:
+	npm install --no-save --no-audit --no-fund --ignore-scripts gltf-validator@2.0.0-dev.3.10 web-ifc@0.0.78
 
 lint: $(VENV)/.ready
 	$(RUN) -m ruff check .
