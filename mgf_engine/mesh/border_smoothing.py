@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""End a mesh cleanly: what no photos confirm along its border goes, up to a smooth line.
+"""Trim the border of a mesh: remove unconfirmed faces along it, and make the new border smooth.
 
-Removing whole faces leaves teeth as large as they are, ragged where votes change from face to face. Here what stays
-is a function on the mesh, 1 and 0; heat flows for a moment, and the mesh is cut where 0.5 is left. Repeated, borders
-move by mean curvature (Merriman, Bence and Osher 1992): lines stay lines, while teeth, thin strips and narrow bays go.
+Removing whole faces would leave a border as ragged as the faces are large. Instead, the indicator function of the kept
+faces is diffused over the mesh for a short time, and the mesh is cut at its level 0.5. Repeated, this moves borders by
+mean curvature (threshold dynamics of Merriman, Bence and Osher 1992): straight lines stay, while teeth, thin strips and
+narrow bays vanish.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from mgf_engine.geometry.clip import clip_level
 from mgf_engine.mesh.holes import boundary_loops, rim_length
 from mgf_engine.model.mesh import Mesh
 
-_REACH = 4.0  # standard deviations of the heat kernel beyond which nothing changes
+_REACH = 4.0  # standard deviations of the heat kernel beyond which values stay as they are
 _STEPS = 3  # of implicit Euler
-#: Name of the vertices' values, int32 [N]: the part that each was of.
+#: Vertex attribute, int32 [N]: the connected component before the cut.
 _PART = "part"
 
 
 @dataclass(frozen=True)
 class MeshBorderOptions:
-    """Options of the borders where faces are removed."""
+    """Options of trimming the border of a mesh."""
 
     spread: float = parameter(
         3.0,
@@ -54,16 +55,16 @@ def trim_border(
     hole: NDArray[np.floating],
     o: MeshBorderOptions = MeshBorderOptions(),
 ) -> Mesh:
-    """Remove the unconfirmed fringe of a mesh's border, up to a smooth line, and what falls off with it.
+    """Remove unconfirmed faces along the border of a mesh, and small pieces that this disconnects.
 
     Args:
-        mesh: of any frame, a manifold.
+        mesh: a manifold, in any frame.
         views: number of photos that show each vertex, [N].
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
-        hole: length of the rim below which an open loop is a hole that will be closed, no border, [N].
-        o: how many photos must show it, how smooth, and which part is too small.
+        hole: loops of open edges shorter than this are holes that will be closed, and no border, [N].
+        o: how many photos must show a face, how smooth the border is, and which pieces are small.
     """
-    kept = confirmed_to_the_border(mesh, views, hole, o)
+    kept = find_supported_faces(mesh, views, hole, o)
     if kept.all() or not kept.any():
         return mesh
     before = parts(mesh)
@@ -71,7 +72,7 @@ def trim_border(
     areas = face_areas(cut)
     label = parts(cut)
     area = np.bincount(label, areas)
-    # A chimney that stands apart was asked for already: it stays, however small.
+    # Parts that were separate before, such as chimneys, have passed the component filter: keep them, however small.
     whole = np.bincount(before, face_areas(mesh))[cut.values[_PART][cut.faces[:, 0]]]
     stays = (area[label] >= o.fallen * area.max(initial=0.0)) | (area[label] > 0.5 * whole)
     values = {name: value for name, value in cut.values.items() if name != _PART}
@@ -79,28 +80,28 @@ def trim_border(
 
 
 def _of_vertices(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the part of each vertex, int32 [N]; ``part``: of each face, [F]."""
+    """Return the connected component of each vertex, int32 [N], from that of each face [F]."""
     result = np.zeros(len(mesh.vertices), np.int32)
     result[mesh.faces] = part[:, None]
     return result
 
 
-def confirmed_to_the_border(
+def find_supported_faces(
     mesh: Mesh,
     views: NDArray[np.integer],
     hole: NDArray[np.floating],
     o: MeshBorderOptions = MeshBorderOptions(),
 ) -> NDArray[np.bool_]:
-    """Find the faces that are no unconfirmed fringe of the border, bool [F].
+    """Find the faces that are confirmed or enclosed by confirmed ones, bool [F].
 
-    A face is confirmed where photos show two of its corners. What none shows stays where confirmed surface is all
-    around it: it closes a hole.
+    A face is confirmed if photos show at least two of its corners. Unconfirmed faces that do not reach the border
+    close a hole, and are kept.
 
     Args:
-        mesh: of any frame.
+        mesh: in any frame.
         views: number of photos that show each vertex, [N].
-        hole: length of the rim below which an open loop is a hole that will be closed, no border, [N].
-        o: how many photos must show it.
+        hole: loops of open edges shorter than this are holes that will be closed, and no border, [N].
+        o: how many photos must show a vertex.
     """
     kept = np.ones(len(mesh.faces), bool)
     rows = np.flatnonzero((views[mesh.faces] >= o.photos).sum(1) < 2)
@@ -121,13 +122,13 @@ def confirmed_to_the_border(
 def remove_faces(
     mesh: Mesh, kept: NDArray[np.bool_], pixel: NDArray[np.floating], o: MeshBorderOptions = MeshBorderOptions()
 ) -> Mesh:
-    """Remove faces, with a smooth border between those and the others.
+    """Remove faces; the border towards those that are kept is smooth.
 
     Args:
-        mesh: of any frame, a manifold.
-        kept: faces that stay, bool [F].
+        mesh: a manifold, in any frame.
+        kept: faces that are kept, bool [F].
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
-        o: how smooth.
+        o: smoothness of the border.
     """
     if o.spread <= 0 or kept.all() or not kept.any():
         return with_faces(mesh, mesh.faces[kept])
@@ -140,7 +141,7 @@ def remove_faces(
 
 def _diffused(mesh: Mesh, value: NDArray[np.float64], pixel: NDArray[np.float64], o: MeshBorderOptions
               ) -> NDArray[np.float64]:  # fmt: skip
-    """Return values [N] after the heat has spread by ``o.spread``; those far from any change stay."""
+    """Diffuse values [N] on the mesh by ``o.spread`` (standard deviation); values far from any change stay."""
     mixed = (value > 0) & (value < 1)
     if not mixed.any():
         return value

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertex colours blended from the photos that really see each vertex."""
+"""Colour the vertices of a mesh: robust mean of the photos in which a vertex is visible."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ColorOptions:
 
 
 def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
-    """Compute unit normals of the vertices [N, 3], faces weighted by area."""
+    """Compute unit normals of the vertices [N, 3]: mean of the adjacent faces, weighted by their area."""
     total = mesh.adjacency.vertex_normals(mesh.vertices)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return total / np.where(length > 0, length, 1.0)
@@ -95,7 +95,7 @@ def _samples(
     inside: NDArray[np.bool_],
     options: ColorOptions,
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.uint8]]:
-    """Return vertices that a view sees, how well, and the colour it sees there."""
+    """Return the vertices visible in a view, their weights, and their colours in the photo."""
     at = corners(mesh.vertices, view)
     # the largest depth around the pixel: a vertex on a rim must not be hidden by its own neighbours
     farthest = cv2.dilate(render_mesh(mesh, view, at).depth, np.ones((3, 3), np.uint8))
@@ -132,7 +132,7 @@ def _blend(weight: NDArray[np.float32], shown: NDArray[np.uint8], outlier: float
 
 
 def _fill(mesh: Mesh, colors: NDArray[np.uint8], known: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Give vertices that no photo sees the colour of the nearest one that is seen."""
+    """Set the colour of vertices that no photo shows to that of the nearest coloured vertex."""
     if known.all():
         return colors
     if not known.any():

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Separate parts of the mesh: which belong to the building.
+"""Select the connected components of the mesh that belong to the building.
 
-Sparse points on plain walls lie too far from each other to tell where a building ends; the mesh tells: a neighbour, or
-a wall of it, that the masks let in stands apart from all that was clicked. Seen from the street a chimney stands apart
-as well, for no photo shows the roof: photos that agree on it tell it from shreds.
+Components near a clicked one are kept: parts of neighbouring buildings that leaked into the masks are not connected to
+what was clicked. Small components are kept if photos confirm them: a chimney is separate if no photo shows the roof.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from mgf_engine.native.parallel import parallel_map
 
 @dataclass(frozen=True)
 class ComponentFilterOptions:
-    """Options of the parts that are kept."""
+    """Options of the choice of components."""
 
     near: float = parameter(
         0.1, "Distance between parts that belong together, as a share of the diagonal of the clicked part", high=1
@@ -43,12 +42,12 @@ def confirmed_parts(
     confidence: Callable[[NDArray[np.float64]], NDArray[np.floating]],
     options: ComponentFilterOptions = ComponentFilterOptions(),
 ) -> NDArray[np.bool_]:
-    """Find the faces of parts that photos confirm, bool [F].
+    """Find the faces of components with high confidence, bool [F].
 
     Args:
-        mesh: of any frame.
-        asked: faces of the parts in question, bool [F].
-        confidence: of points [N, 3], 0..1, [N].
+        mesh: in any frame.
+        asked: faces of the components that are tested, bool [F].
+        confidence: points [N, 3] -> confidence of the surface there, 0..1, [N].
         options: minimum size and confidence.
     """
     rows = np.flatnonzero(asked & large_parts(mesh, options.confirmed))
@@ -69,16 +68,16 @@ def faces_near_clicks(
     clicks: Sequence[NDArray[np.floating]],
     options: ComponentFilterOptions = ComponentFilterOptions(),
 ) -> NDArray[np.bool_]:
-    """Find the faces of parts that were clicked, and of those near to them, or near to such, bool [F].
+    """Find the faces of clicked components, and of all that are connected to them by gaps of at most ``near``.
 
     Args:
         mesh: normalised frame.
         views: cameras of the photos.
-        clicks: per view, where it was clicked on the building, working pixels [K, 2].
-        options: what counts as near.
+        clicks: for each view, the clicks on the building, working pixels [K, 2].
+        options: maximum gap.
 
     Returns:
-        All faces where no click meets the mesh.
+        bool [F]; all True if no click hits the mesh.
     """
     part = parts(mesh)
     if part.max(initial=0) == 0:
@@ -102,7 +101,7 @@ def faces_near_clicks(
 
 
 def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:
-    """Return the faces that clicks [K, 2] in a view meet, at most [K]."""
+    """Return the faces hit by clicks [K, 2] in a view, at most [K]."""
     face = render_mesh(mesh, view).face
     met = face[pixel_at(face.shape, clicks)]
     return met[met >= 0]

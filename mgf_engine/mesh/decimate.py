@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""No more faces than the building needs: edges collapse as long as the surface and its colours stay what they are.
+"""Simplify a mesh by edge collapses within bounds on its geometric and colour error.
 
-The kernel (``native/csrc/mesh/collapse.c``) keeps every vertex of the full mesh as a sample and checks it against the
-reduced one, so the bound holds for every sample, and topology cannot change. How far off a vertex may be is
-measured in ground pixels: what one pixel of the nearest photo covers there.
+The kernel (``native/csrc/mesh/collapse.c``) tests every vertex of the full mesh against the simplified one, so the
+bound holds for all of them; topology is preserved. Tolerances are in ground pixels: the size of a pixel of the nearest
+photo on the surface.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import call, parallel
 
-NEAREST = 8  # views among which one is sought that a vertex faces
-WORTH = 0.002  # share of the faces that a sweep must take away to be followed by one like it
-MOST_LOOSE = 1e6  # factor on the tolerances beyond which no more faces can go
-MOST_SLABS, SLAB = 32, 16384  # slabs that a mesh is cut into, and faces that each should have at least
-AT_ONCE = 8  # slabs between two reports of progress
+NEAREST = 8  # number of nearest views among which one is sought that a vertex faces
+WORTH = 0.002  # share of the faces that a sweep must remove to be repeated with the same slabs
+MOST_LOOSE = 1e6  # factor on the tolerances at which loosening them ends
+MOST_SLABS, SLAB = 32, 16384  # maximum number of slabs, and minimum number of faces in each
+AT_ONCE = 8  # number of slabs between two progress reports
 NO_MEMORY = "Not enough memory to reduce the mesh; lower max_gaussians or the resolution."
 
 
 def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
-    """Compute the size of a pixel of the nearest view that each vertex faces, in the mesh's units, float32 [N].
+    """Compute the size of a ground pixel at each vertex, in the mesh's units, float32 [N].
 
-    What may stand between is not looked at: such a pixel is at worst smaller than the ones that show the vertex.
-    Where none of the nearest views is faced, the very nearest counts; without views all get zero.
+    It is the size of a pixel of the nearest view that the vertex faces, or of the nearest view if it faces none; zero
+    without views. Occlusion is ignored: it makes the value too small at worst.
     """
     if not views or not len(mesh.vertices):
         return np.zeros(len(mesh.vertices), np.float32)
@@ -66,22 +66,22 @@ def reduce_faces(
     color_tolerance: float = -1.0,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Mesh:
-    """Reduce a mesh to as few faces as the tolerances allow, and at most ``most``.
+    """Simplify a mesh to as few faces as the tolerances allow, and at most ``most``.
 
-    Manifold meshes stay manifold, holes and parts stay as many as they are, rims stay where they are. Where ``most``
-    cannot be met within the tolerances they are loosened, those of colours first.
+    Manifoldness, the number of holes and of components, and open borders are preserved. If ``most`` cannot be met
+    within the tolerances, these are loosened, the colour tolerance first.
 
     Args:
         mesh: with or without colours.
-        most: highest number of faces; 0 for no limit. Topology may not allow it; the result then has a few more.
-        tolerance: distance that each given vertex may have from the result, [N] or one for all; 0 keeps every face
-            beyond ``most``.
-        color_tolerance: root mean square difference of colours around each collapsed edge, in grey levels per
-            channel; below zero colours do not matter.
-        progress: called with the share of the faces that are gone already.
+        most: maximum number of faces; 0 for no limit. Topology may require a few more.
+        tolerance: maximum distance of each vertex of ``mesh`` from the result, [N] or a scalar; 0 simplifies only as
+            far as ``most`` requires.
+        color_tolerance: maximum root mean square difference of colours around a collapsed edge, grey levels per
+            channel; negative ignores colours.
+        progress: called with the share of the faces that have been removed.
 
     Raises:
-        MemoryError: the work needs about 350 bytes per vertex.
+        MemoryError: about 350 bytes per vertex are not available.
     """
     count = len(mesh.faces)
     allowed = np.broadcast_to(np.asarray(tolerance, np.float32), len(mesh.vertices))
@@ -128,9 +128,9 @@ def slabs(order: NDArray[np.int32], number: int, shifted: bool = False) -> tuple
 
 
 def _shrink(handle: int, order: NDArray[np.int32], count: int, progress: Callable[[float], None]) -> int:
-    """Collapse what the tolerances allow; returns the faces left.
+    """Collapse edges within the tolerances; return the number of faces left.
 
-    The slabs grow as the faces do, up to the whole mesh: an edge that leaves a slab can be tried only in a wider one.
+    The slabs grow with the faces, up to the whole mesh: an edge that crosses the border of a slab needs a wider one.
     """
     number, rounds = MOST_SLABS, 0
     while True:
@@ -146,7 +146,7 @@ def _shrink(handle: int, order: NDArray[np.int32], count: int, progress: Callabl
 
 
 def _force(handle: int, order: NDArray[np.int32], count: int, most: int, color_tolerance: float) -> None:
-    """Collapse down to ``most`` faces; loosen the tolerances, those of colours first, as long as that is not met."""
+    """Collapse down to ``most`` faces; loosen the tolerances, the colour tolerance first, until that is met."""
     whole, loose = slabs(order, 1), 1.0
     while loose <= MOST_LOOSE:
         before, count = count, _sweep(handle, order, whole, most)
@@ -168,7 +168,7 @@ def _sweep(
     stop: int,
     progress: Callable[[float], None] = lambda share: None,
 ) -> int:
-    """Try every edge around which something changed; returns the faces left."""
+    """Try all edges whose neighbourhood changed since the last sweep; return the number of faces left."""
     slab, start = cut
     last = len(start) - 1
     for first in range(0, last, AT_ONCE):
@@ -182,7 +182,7 @@ def _sweep(
 
 
 def _nearest_values(mesh: Mesh, vertices: NDArray[np.float64]) -> dict[str, NDArray[np.generic]]:
-    """Return the values of the given mesh's vertices that lie nearest."""
+    """Return the vertex attributes of the nearest vertices of the full mesh."""
     if not mesh.values:
         return {}
     nearest = cKDTree(mesh.vertices).query(vertices)[1]

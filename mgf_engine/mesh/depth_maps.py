@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth maps of all views: rendered from the field, matched between photos, smoothed, with a weight for each pixel."""
+"""Make the depth maps of all views: render the field, match patches between photos, smooth, and weigh each pixel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from mgf_engine.mesh.depth_smoothing import smooth_depth
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.photometric import Matched, Surface, match_surface, without_match
-from mgf_engine.mesh.prior import KnownSurface, PriorOptions, choose_depths, combine_surfaces
+from mgf_engine.mesh.prior import PriorOptions, RenderedPrior, choose_depths, combine_surfaces
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
@@ -25,20 +25,21 @@ from mgf_engine.raster.points import INSIDE, NEAR
 from mgf_engine.spill import Spill
 
 CPU = torch.device("cpu")
-FAR = 1e6  # depth of what lies behind everything
-BYTES_PER_PIXEL = 150  # of a depth map while it is matched and smoothed (measured)
+FAR = 1e6  # depth of pixels that show no surface
+BYTES_PER_PIXEL = 150  # memory of a depth map while it is matched and smoothed (measured)
 
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class DepthMap:
-    """A view's surface where its mask says INSIDE, and one pixel around: a building fills less than half of its photos.
+    """Depth map of a view; only pixels inside the mask and one pixel around are stored.
 
     Attributes:
-        mask: uint8 [H, W].
-        rows: int64 [H]; pixel (x, y) is ``pixels[rows[y] + x]``.
-        pixels: [P, 4] depth, slope (distance along the normal per unit of depth), weight, likeness.
+        view: camera, normalised frame.
+        mask: as :func:`mgf_engine.mesh.hull.silhouette_mask` makes it, uint8 [H, W].
+        rows: offset of each row, int64 [H]: pixel (x, y) is ``pixels[rows[y] + x]``.
+        pixels: depth, slope (distance along the normal per unit of depth), weight and correlation, float32 [P, 4].
     """
 
     view: View
@@ -49,26 +50,26 @@ class DepthMap:
 
 @dataclass(frozen=True)
 class ViewSurfaces:
-    """What the views show, asked for once for each while it is needed.
+    """Functions that render the views; each is called once per view.
 
     Attributes:
-        show: number of a view -> the surface it shows.
-        device: where ``show`` draws.
-        prior: number of a view -> what it shows of a surface known before; None for none.
+        show: number of a view -> the surface rendered from it.
+        device: of the rendering.
+        prior: number of a view -> the starting surface rendered from it; None if that is not used.
     """
 
     show: Callable[[int], Surface]
     device: torch.device = CPU
-    prior: Callable[[int], KnownSurface] | None = None
+    prior: Callable[[int], RenderedPrior] | None = None
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """A view's mask, what it and its neighbours show, and what they show of the prior."""
+class _MatchTask:
+    """Mask of a view, and the surface and prior rendered from the view (first) and its neighbours."""
 
     mask: NDArray[np.uint8]
     surfaces: list[Surface]
-    prior: list[KnownSurface]
+    prior: list[RenderedPrior]
 
 
 def make_depth_maps(
@@ -79,15 +80,18 @@ def make_depth_maps(
     progress: Progress = lambda share: None,
     spill: Spill | None = None,
 ) -> list[DepthMap]:
-    """Make the depth maps of all views: rendered, matched with neighbouring photos, smoothed.
+    """Render the depth maps of all views, match them with neighbouring photos, and smooth them.
 
     Args:
-        shown: what the views show.
-        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        neighbours: per view the numbers of those to match with; empty for no matching.
+        shown: renders the views.
+        masks: for each view uint8 [H, W] from :func:`mgf_engine.mesh.hull.silhouette_mask`.
+        neighbours: for each view, the numbers of the views it is matched with; empty for no matching.
         options: of the matching, the smoothing and the fusion.
-        progress: called with the share of the views done.
-        spill: where their pixels are kept; in memory when None.
+        progress: called with the share of the views that are done.
+        spill: stores the pixels on disk if memory is short; None keeps them in memory.
+
+    Returns:
+        A depth map for each view.
     """
     near = [list(neighbours[number]) if neighbours else [] for number in range(len(masks))]
     order = visiting_order(near)
@@ -103,10 +107,10 @@ def make_depth_maps(
 
 
 def visiting_order(near: Sequence[Sequence[int]]) -> list[int]:
-    """Order views so that few wait for each other: next comes the one that needs the fewest surfaces not yet drawn.
+    """Order the views so that few renderings are in memory: next is the one with the fewest unrendered neighbours.
 
     Args:
-        near: per view the numbers of those that it is matched with.
+        near: for each view, the numbers of the views it is matched with.
     """
     users: list[list[int]] = [[] for _ in near]
     for number, others in enumerate(near):
@@ -121,7 +125,7 @@ def visiting_order(near: Sequence[Sequence[int]]) -> list[int]:
             if not drawn[k]:
                 drawn[k] = True
                 missing[users[k]] -= 1
-        missing[number] = np.iinfo(np.int64).max // 2  # done; what is drawn later takes a little off it
+        missing[number] = np.iinfo(np.int64).max // 2  # done: never the minimum, even after further decrements
     return order
 
 
@@ -131,14 +135,13 @@ def _views_with_neighbours(
     near: Sequence[list[int]],
     order: Sequence[int],
     options: PriorOptions,
-) -> Iterator[_Asked]:
-    """Yield each view with its neighbours; a surface is kept only as long as a view still to come is matched with
-    it.
+) -> Iterator[_MatchTask]:
+    """Yield each view with its neighbours; renderings are freed as soon as no later view needs them.
 
     Args:
-        shown: what the views show.
-        masks: per view uint8 [H, W].
-        near: per view the numbers of those that it is matched with.
+        shown: renders the views.
+        masks: for each view uint8 [H, W].
+        near: for each view, the numbers of the views it is matched with.
         order: of the views.
         options: of the choice between field and prior.
     """
@@ -147,7 +150,7 @@ def _views_with_neighbours(
     left = np.bincount(in_order, minlength=len(masks))
     drawn = each_view(shown.show, list(dict.fromkeys(in_order)), shown.device)
     surfaces: dict[int, Surface] = {}
-    before: dict[int, KnownSurface] = {}  # and what they show of the prior
+    before: dict[int, RenderedPrior] = {}  # the prior, rendered from the same views
     for numbers in wanted:
         for k in numbers:
             if k not in surfaces:
@@ -155,7 +158,7 @@ def _views_with_neighbours(
                 if shown.prior is not None:
                     before[k] = shown.prior(k)
                     surfaces[k] = combine_surfaces(surfaces[k], before[k], options)
-        yield _Asked(masks[numbers[0]], [surfaces[k] for k in numbers], [before[k] for k in numbers if k in before])
+        yield _MatchTask(masks[numbers[0]], [surfaces[k] for k in numbers], [before[k] for k in numbers if k in before])
         for k in numbers:
             left[k] -= 1
             if left[k] == 0:
@@ -163,8 +166,8 @@ def _views_with_neighbours(
                 before.pop(k, None)
 
 
-def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
-    """Return the depth map of one view."""
+def _match(asked: _MatchTask, options: FusionOptions) -> DepthMap:
+    """Match the depth of one view with its neighbours, choose between field and prior, and smooth it."""
     surface, *others = asked.surfaces
     found = match_surface(surface, others, options.match) if others else without_match(surface)
     if asked.prior:
@@ -180,13 +183,13 @@ def _match(asked: _Asked, options: FusionOptions) -> DepthMap:
 def render_surface(
     gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None, options: TsdfOptions = TsdfOptions()
 ) -> Surface:
-    """Render the surface of the field in a view, with the photo's brightness beside it.
+    """Render depth and normals of the field from a view.
 
     Args:
         gaussians: normalised frame.
         view: camera of the photo.
-        grey: its brightness, uint8 [H, W]; needed for the matching alone.
-        options: from which opacity on the field counts as a surface.
+        grey: the photo in grey levels, uint8 [H, W]; needed for matching only.
+        options: minimum opacity of a surface.
     """
     with torch.no_grad():
         seen = render(gaussians, Camera.from_view(view), sh_degree=0).cpu()
@@ -202,13 +205,15 @@ def render_surface(
 def depth_map(
     surface: Surface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
 ) -> DepthMap:
-    """Make the depth map of a surface for the fusion, with its matched depth and the weight of each pixel.
+    """Make the depth map for the fusion: matched depths with a weight for each pixel.
+
+    The weight falls with the viewing angle, with the squared depth, next to depth jumps, and without a match.
 
     Args:
-        surface: what the view shows.
-        mask: uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes it.
+        surface: as rendered from the view.
+        mask: from :func:`mgf_engine.mesh.hull.silhouette_mask`, uint8 [H, W].
         matched: depth and its reliability, from the matching.
-        options: how confirmed and unconfirmed pixels count.
+        options: weights of pixels with and without a match.
     """
     view, normal, depth = surface.view, surface.normal, matched.depth
     trust = options.unmatched if matched.trust is None else matched.trust
@@ -218,23 +223,23 @@ def depth_map(
         -(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), options.least_slope, None
     )
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.likeness > 0, 1.0, trust)
+    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.correlation > 0, 1.0, trust)
     shown = depth > 0
     weight = np.where(shown, weight, 0.0)
-    if shown.any():  # where the view looks past everything, all along the ray is free
+    if shown.any():  # pixels that see past the field: the whole ray is free space
         weight[surface.through] = options.through_weight * np.median(weight[shown])
     depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
     rows, kept = _spans(mask == INSIDE)
     return DepthMap(
-        view, mask, rows, np.stack([a[kept] for a in (depth, slope, weight, matched.likeness)], -1, dtype=np.float32)
+        view, mask, rows, np.stack([a[kept] for a in (depth, slope, weight, matched.correlation)], -1, dtype=np.float32)
     )
 
 
 def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Mark, in each row, the pixels from the first to the last that is inside or beside one that is.
+    """Mark, in each row, the span from the first to the last pixel that is inside or next to an inside one.
 
     Returns:
-        Where pixel 0 of each row would lie in a list of those pixels, int64 [H]; and which they are, bool [H, W].
+        The offset of each row in the list of marked pixels, int64 [H]; and the marked pixels, bool [H, W].
     """
     width = inside.shape[1]
     full = inside.any(1)
@@ -249,12 +254,12 @@ def _spans(inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.boo
 
 
 def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed: float) -> NDArray[np.float32]:
-    """Take the mean depth, which is smooth, where it agrees with the median, which never mixes two surfaces."""
+    """Return the mean depth, which is smooth, where it agrees with the median; else the median, which mixes nothing."""
     return np.where(np.abs(mean - median) < mixed * median, mean, median)
 
 
 def _rim(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
-    """Return pixels next to a jump in depth, where the surface seen is uncertain."""
+    """Find the pixels next to a depth discontinuity, where depth is unreliable."""
     kernel = np.ones((3, 3), np.uint8)
     spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * jump * depth
     return spread

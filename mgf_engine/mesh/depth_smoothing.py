@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Second-order smoothing of depth maps, weighted by how precisely photos tell each depth.
+"""Second-order smoothing of depth maps, weighted by the precision of each matched depth.
 
-Inverse depth is linear in the pixels of a plane, so its second differences tell relief, creases and noise from flat
-places without knowing any plane. Their robust norm lets creases be (iteratively reweighted least squares; second-order
-priors as in Woodford et al. 2009); photos hold each pixel as firmly as their correlation peaks.
+The inverse depth of a plane is linear in pixel coordinates, so its second differences vanish on planes of any
+orientation. They are minimised under a robust norm that keeps creases (second-order prior as in Woodford et al. 2009,
+by iteratively reweighted least squares); the data term of a pixel is weighted by the curvature of its correlation peak.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from mgf_engine.config import job_option
 from mgf_engine.mesh.photometric import Matched
 from mgf_engine.native.library import call
 
-MARGIN = 2, 16  # rows and columns around each plane, and
-LANES = 16  # what rows are rounded up to, as csrc/stereo/smooth_depth.c wants them
+MARGIN = 2, 16  # padding of each plane in rows and columns, as csrc/stereo/smooth_depth.c expects it
+LANES = 16  # row length is a multiple of this
 
 Array = NDArray[np.float32]
 
@@ -42,13 +42,15 @@ class SmoothingOptions:
 
 
 def smooth_depth(start: Array, matched: Matched, options: SmoothingOptions = SmoothingOptions()) -> Array:
-    """Smooth a matched depth map where photos tell its depths less precisely than their neighbours do.
+    """Smooth a matched depth map; imprecise depths move most.
 
     Args:
-        start: depth that jumps are judged by, 0 where there is no surface, float32 [H, W].
+        start: depth before matching, for finding depth jumps, 0 for no surface, float32 [H, W].
+        matched: depth with its precision.
+        options: of the smoothing.
 
     Returns:
-        Depths, float32 [H, W]; as matched where there is no surface, and where photos tell no depth at all.
+        Depths, float32 [H, W]; unchanged without a surface, and if no pixel has a match.
     """
     shown = (start > 0) & (matched.parallax > 0)
     told = matched.precision[shown & (matched.precision > 0)]
@@ -62,7 +64,7 @@ def smooth_depth(start: Array, matched: Matched, options: SmoothingOptions = Smo
     weight = np.where(inside, np.maximum(matched.precision[box], least), 0)
     joined = _joined(inside, first, options.jump, 0), _joined(inside, first, options.jump, 1)
     found = smooth_map(weight, target, joined, options.strength, options.crease, options.rounds, options.steps)
-    # What conjugate gradients have not reached yet stays within the jump that joins pixels.
+    # Conjugate gradients stop before convergence: limit the change to the jump that separates surfaces.
     found = np.clip(found, target - options.jump, target + options.jump)
     result = matched.depth.copy()
     result[box] = np.where(inside & (found > 0), _inverse(scale * found), result[box])
@@ -81,13 +83,13 @@ def smooth_map(
     """Smooth a map in float32, as :func:`mgf_engine.mesh.reference_depth_smoothing.smooth_map` does in float64.
 
     Args:
-        weight: [H, W], of each pixel's own value; 0 where it has none.
-        target: [H, W], the values.
-        joined: which pixels show one surface with those two rows, and two columns, on.
-        strength: weight of second differences.
-        crease: size of a second difference from which on it counts less.
-        rounds: how often these weights are computed anew.
-        steps: of conjugate gradients in each round.
+        weight: weight of the data term, [H, W]; 0 for pixels without a value.
+        target: values of the data term, [H, W].
+        joined: whether three pixels in a column [H-2, W], and in a row [H, W-2], belong to one surface.
+        strength: weight of the squared second differences.
+        crease: second difference from which on it is weighted less.
+        rounds: number of rounds of reweighting.
+        steps: number of conjugate-gradient steps in each round.
     """
     height, width = target.shape
     stride = 2 * MARGIN[1] + -(-width // LANES) * LANES
@@ -108,7 +110,7 @@ def _inverse(values: Array) -> Array:
 
 
 def _joined(inside: NDArray[np.bool_], inverse: Array, jump: float, axis: int) -> NDArray[np.bool_]:
-    """Tell whether three pixels in a column (axis 0) or a row (1) show one surface; shorter by two along that axis."""
+    """Tell whether three pixels in a column (axis 0) or row (axis 1) belong to one surface; shorter by two there."""
     i, v = (inside, inverse) if axis == 0 else (inside.T, inverse.T)
     joined = i[:-2] & i[1:-1] & i[2:] & (np.abs(v[:-2] - 2 * v[1:-1] + v[2:]) < jump)
     return joined if axis == 0 else joined.T

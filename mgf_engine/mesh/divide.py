@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long edges of a mesh divided in halves, its shape and its connections kept."""
+"""Subdivide the long edges of a mesh at their middles; shape and topology are preserved."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Extend the planes of a mesh over dents and worn edges where the photos do not say otherwise.
+"""Extend the planes of a mesh over dents and rounded edges unless the photos contradict.
 
-Flattening (:mod:`mgf_engine.mesh.planar`) moves vertices by a ground pixel at most. Corners of plain walls are worn by
-more, and around windows plain walls sink towards the panes: such vertices get a label, go into their plane or onto the
-crease of two, and then slide within it, so that faces that lay across do not stay folded.
+Flattening (:mod:`mgf_engine.mesh.planar`) moves vertices by a ground pixel at most. Corners of plain walls are rounded
+by more, and plain walls sink towards the panes of windows. Such vertices are labelled with a plane
+(:mod:`mgf_engine.mesh.plane_labels`), projected onto it or onto the crease of two planes, and then smoothed within it,
+which unfolds overturned faces.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from mgf_engine.model.mesh import Mesh
 
 Array = NDArray[np.float64]
 
-#: Name of the vertices' values, uint8 [N]: 1 where moved into a plane, whatever photos confirm there.
+#: Vertex attribute, uint8 [N]: 1 for vertices on an extended plane, which count as confirmed.
 ON_PLANE = "on_plane"
 
 
@@ -44,7 +45,7 @@ def extend_planes(
     photos: PatchPhotos,
     o: PlaneExtensionOptions = PlaneExtensionOptions(),
 ) -> Mesh:
-    """Move the vertices that belong to a plane into it, or onto the edge where two of them meet.
+    """Project the vertices labelled with a plane onto it, or onto the crease of two planes.
 
     Args:
         mesh: normalised frame.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The mesh stage (section 3.3): screening, tetrahedra, opacity, level set, cleaning, colours, reduction."""
+"""Run the steps of the mesh stage (section 3.3 of the paper), from the trained field to the coloured mesh."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import see_vertices
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.raw_surface import RAW_SURFACE_DONE, SurfaceInputs, raw_surface, timed_part
-from mgf_engine.mesh.refine import RefinementOptions, onto_surface, refine
+from mgf_engine.mesh.refine import RefinementOptions, project_onto_surface, refine
 from mgf_engine.mesh.screening import screen
 from mgf_engine.mesh.trusted_views import TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField
@@ -41,7 +41,7 @@ from mgf_engine.timing import PartTimes
 
 log = logging.getLogger("mgf")
 
-#: Shares of the stage, for the progress bar, at the end of the steps after the raw surface.
+#: Progress of the stage (0..1) after cleaning, refinement and colours.
 _CLEANED, _REFINED, _COLORED = 0.6, 0.75, 0.8
 
 
@@ -63,10 +63,10 @@ def extract_mesh(
         options: of all steps.
         reporter: for progress, warnings and the request to cancel.
         times: records the time of each step.
-        start: the surface that training started on, which counts where photos say nothing (surface 'fused' only).
+        start: the starting surface of the training, used where photos cannot be matched (``surface=fused`` only).
 
     Raises:
-        BadInput: nothing is left to mesh; the message says at which step.
+        BadInput: no surface is left; the message names the step.
         Cancelled: the user asked to stop.
     """
     times = times or PartTimes()
@@ -79,13 +79,13 @@ def extract_mesh(
     mesh, field = raw_surface(kept, SurfaceInputs(scene, masks, trusted, start, box), options, reporter, times)
     reporter.progress(RAW_SURFACE_DONE, faces=len(mesh.faces))
     with timed_part(times, "cleaning"):
-        merged = options.blocks > 1  # each block's own
+        merged = options.blocks > 1  # then flat areas have been merged in each block
         mesh = clean_level_set(mesh, field, trusted, replace(options, merge_flat=options.merge_flat and not merged))
         if options.drop_unseen:
             mesh = keep_clicked_parts(mesh, scene, masks, reporter, options.components)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
     with timed_part(times, "refinement"):
-        mesh = refine_mesh(move_onto_evidence(mesh, field, trusted, options), trusted, options, reporter)
+        mesh = refine_mesh(move_onto_depth_maps(mesh, field, trusted, options), trusted, options, reporter)
     if options.flatten:
         with timed_part(times, "planes"):
             mesh = flatten_mesh(mesh, trusted, options)
@@ -99,21 +99,21 @@ def extract_mesh(
         return finish_mesh(simplify_mesh(mesh, trusted.views, options, reporter), field, options)
 
 
-def move_onto_evidence(
+def move_onto_depth_maps(
     mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
 ) -> Mesh:
-    """Move the level set of an opacity field onto the matched depth maps; a fused surface stays as it is.
+    """Move the level set of an opacity field onto the matched depth maps; a fused surface is returned unchanged.
 
     Args:
         mesh: the level set, normalised frame.
-        field: that it was extracted from.
-        trusted: the photos.
+        field: the field that it was extracted from.
+        trusted: photos and masks.
         options: of the extraction.
     """
     if not (options.match_photos and isinstance(field, OpacityField) and field.evidence is not None):
         return mesh
     reach = RefinementOptions(reach=options.opacity_reach)
-    return onto_surface(mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, trusted.views), reach)
+    return project_onto_surface(mesh, vertex_normals(mesh), field.evidence, ground_pixels(mesh, trusted.views), reach)
 
 
 def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOptions, reporter: Reporter) -> Mesh:
@@ -122,7 +122,7 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
     Args:
         mesh: normalised frame.
         scene: photos, cameras and sparse points.
-        trusted: the photos to take colours from.
+        trusted: the photos that colours are taken from.
         options: of the colours.
         reporter: for progress, warnings and the request to cancel.
     """
@@ -134,7 +134,7 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
 
 def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
     """Attach confidence and number of views to the simplified mesh, and fill dents that no photo confirms."""
-    values = {name: v for name, v in field.known(mesh.vertices).items() if name != "confirmed"}
+    values = {name: v for name, v in field.observations(mesh.vertices).items() if name != "confirmed"}
     planar = mesh.values.get(ON_PLANE, np.zeros(len(mesh.vertices), np.uint8)) > 0
     mesh = replace(mesh, values=values)
     if not (options.span_dents and "confidence" in mesh.values):
@@ -149,14 +149,14 @@ def keep_clicked_parts(
     reporter: Reporter,
     options: ComponentFilterOptions = ComponentFilterOptions(),
 ) -> Mesh:
-    """Remove the parts that stand apart from all that was clicked; none where the masks are not from clicks.
+    """Remove the parts that were not clicked and are not near a clicked part; keep all if there are no clicks.
 
     Args:
         mesh: normalised frame.
         scene: photos, cameras and sparse points.
         masks: with the clicks that they were made from.
         reporter: for progress, warnings and the request to cancel.
-        options: how near a click is.
+        options: maximum distance from a clicked part.
     """
     if not masks.clicks:
         return mesh
@@ -172,11 +172,11 @@ def keep_clicked_parts(
 
 
 def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, reporter: Reporter) -> Mesh:
-    """Move the mesh to where the photos agree about it; only where photos are matched.
+    """Move the vertices to where patches of the photos correlate best (photometric mesh refinement).
 
     Args:
         mesh: normalised frame.
-        trusted: photos and masks.
+        trusted: photos and masks; without photos to match, the mesh is returned unchanged.
         options: rounds, matching and refinement.
         reporter: for progress, warnings and the request to cancel.
     """
@@ -188,11 +188,11 @@ def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, r
 
 
 def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
-    """Project the planar parts of a mesh onto their planes, and extend those where the photos do not say otherwise.
+    """Project the planar regions of a mesh onto their planes, and extend the planes unless the photos contradict.
 
     Args:
         mesh: normalised frame.
-        trusted: photos; without those to match, planes are not extended.
+        trusted: photos and masks; without photos to match, planes are not extended.
         options: of the planes, the patches and the labels.
     """
     pixel = ground_pixels(mesh, trusted.views)
@@ -205,27 +205,30 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
 
 
 def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
-    """Remove along the border of a mesh what no photo shows, up to a smooth line.
+    """Remove faces along the border of a mesh that no photo shows; the new border is smooth.
 
     Args:
         mesh: normalised frame.
-        field: tells how many photos show each place; one of opacity by itself tells nothing.
-        trusted: the photos; where they are not matched, only the Gaussians say what these show, and nothing is removed.
+        field: counts the photos that show a vertex.
+        trusted: photos and masks; without photos to match the mesh is returned unchanged, since then the counts come
+            from the Gaussians alone.
         options: of the border, and which holes are small.
     """
-    known = field.known(mesh.vertices)
-    if trusted.photos is None or "views" not in known:
+    if trusted.photos is None:
+        return mesh
+    known = field.observations(mesh.vertices)
+    if "views" not in known:
         return mesh
     pixel = ground_pixels(mesh, trusted.views)
     return trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)
 
 
 def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:
-    """Reduce the coloured mesh to as few faces as the bounds in the options allow.
+    """Simplify the coloured mesh within the bounds of the options.
 
     Args:
         mesh: with colours.
-        views: the cameras, which tell the size of a pixel.
+        views: cameras of the photos, for the size of a pixel on the surface.
         options: ``max_faces``, ``face_error`` and ``color_error``.
         reporter: for progress, warnings and the request to cancel.
     """
@@ -239,10 +242,10 @@ def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions,
 
 
 def crop_mesh(mesh: Mesh, close_bottom: bool, box: CropBox | None = None) -> Mesh:
-    """Cut the mesh at the box, and close its bottom where that is wanted.
+    """Clip the mesh to the crop box, and close its bottom with ``close_bottom``.
 
     Raises:
-        BadInput: nothing is left.
+        BadInput: no surface lies in the box.
     """
     if box is not None:
         mesh = clip(mesh, box.planes())

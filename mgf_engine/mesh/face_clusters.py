@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faces in clusters that lie close together, and which of those may show in some part of a picture."""
+"""Group faces into spatial clusters, to find quickly which of them can be visible at some pixels of a view."""
 
 from __future__ import annotations
 

@@ -23,12 +23,12 @@ Labels = Sequence[NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class Picture:
-    """The face that each pixel of a view sees, packed: a building fills less than half of its photos.
+    """The visible face at each pixel of a view; only pixels that show one are stored.
 
     Attributes:
         shape: (H, W).
-        seen: as bits, the pixels that see a face.
-        faces: int32 [P], the faces they see.
+        seen: bit mask of the pixels that show a face.
+        faces: their faces, int32 [P].
     """
 
     shape: tuple[int, int]
@@ -37,12 +37,12 @@ class Picture:
 
     @classmethod
     def of(cls, face: NDArray[np.int32]) -> Picture:
-        """Pack the face at each pixel, int32 [H, W], -1 for none."""
+        """Pack an image of face indices, int32 [H, W], -1 for none."""
         seen = face >= 0
         return cls((face.shape[0], face.shape[1]), np.packbits(seen), face[seen])
 
     def unpacked(self) -> NDArray[np.int32]:
-        """Return the face at each pixel, int32 [H, W], -1 for none."""
+        """Return the image of face indices, int32 [H, W], -1 for none."""
         face = np.full(self.shape, -1, np.int32)
         face.ravel()[np.unpackbits(self.seen, count=face.size).view(bool)] = self.faces
         return face

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find the photos whose masks decide what is solid and what is free, and which of them depth matching compares."""
+"""Select the photos whose masks are reliable, and the neighbours of each for depth matching."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.geometry.visual_hull import points_to_match
-from mgf_engine.mesh.hull import judging_masks
+from mgf_engine.mesh.hull import silhouette_masks
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.screening import voting_views
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
@@ -21,10 +21,15 @@ from mgf_engine.scene.neighbours import matching_views
 
 
 def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions = ExtractionOptions()) -> TrustedViews:
-    """Find the photos whose masks are good enough to tell solid from free.
+    """Select the photos whose masks are reliable, and find the neighbours of each for depth matching.
+
+    Args:
+        scene: photos, cameras and sparse points.
+        masks: label maps of the photos.
+        options: of the masks and of the matching.
 
     Raises:
-        BadInput: there is none.
+        BadInput: there is no such photo.
     """
     chosen = voting_views(scene, masks)
     if not chosen:
@@ -32,14 +37,14 @@ def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions 
     return TrustedViews(
         chosen,
         [scene.views[i] for i in chosen],
-        judging_masks(scene, masks, chosen, options.dilation),
+        silhouette_masks(scene, masks, chosen, options.dilation),
         [masks.labels[i] for i in chosen],
         _photos(scene, masks, chosen, options) if options.match_photos else None,
     )
 
 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: ExtractionOptions) -> Photos:
-    """Return what matching needs of the chosen photos, numbered in their order."""
+    """Find the neighbours of the chosen photos; numbers are positions in ``chosen``."""
     position = {view: number for number, view in enumerate(chosen)}
     scene_to_match, kept = points_to_match(scene, masks, chosen, options.mask_hull)
     pairs = matching_views(scene_to_match, kept, chosen, options.neighbours, options.matching)

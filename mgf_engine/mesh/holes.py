@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Open rims: small holes that nothing is known about are closed, and the bottom where the user wants it."""
+"""Close holes of a mesh: small ones that no photo looks through, and the bottom if the user asks for it."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _with_fans(mesh: Mesh, loops: list[NDArray[np.int32]]) -> Mesh:
 
 
 def cap_rims(mesh: Mesh) -> Mesh:
-    """Close every open rim by a flat polygon of its own vertices (ear clipping): the bottom of a building."""
+    """Close every loop of open edges by triangles between its vertices (ear clipping): the bottom of a building."""
     known = set(np.unique(edges(mesh.faces)[0]).tolist())
     caps = [_ears(mesh.vertices[loop], loop, known) for loop in boundary_loops(mesh)]
     return replace(mesh, faces=np.concatenate([mesh.faces, *caps]).astype(np.int32))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Judge points by masks: what lies outside the visual hull is free, whatever the depths say."""
+"""Visual hull of the masks: points outside of it are free space, whatever the depth maps show."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mgf_engine.raster import points as kernel
 
 @dataclass(frozen=True)
 class HullOptions:
-    """Options of the visual hull that is carved (``visual_hull``)."""
+    """Options of the visual hull (the option ``visual_hull`` turns it on)."""
 
     share: float = parameter(
         0.25, "Share of the photos that must call a point background for it to be free, of those that judge it", high=1
@@ -31,12 +31,21 @@ class HullOptions:
 def outside_hull(
     background: NDArray[np.integer], seen: NDArray[np.integer], options: HullOptions = HullOptions()
 ) -> NDArray[np.bool_]:
-    """Find points outside the visual hull by how many views call them background and how many building, bool [N]."""
+    """Find the points outside the visual hull, bool [N].
+
+    Args:
+        background: number of views whose mask shows background at the point, [N].
+        seen: number of views whose mask shows the building there, [N].
+        options: how many views must show background.
+    """
     return background > np.maximum(options.share * (background + seen), np.minimum(options.views, seen))
 
 
-def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
-    """Convert a label map for the fields: OUTSIDE only where background is certain, ``dilation`` px away."""
+def silhouette_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
+    """Convert a label map [H, W] to INSIDE, OUTSIDE and IGNORE of :mod:`mgf_engine.raster.points`, uint8 [H, W].
+
+    The inside is dilated by ``dilation`` px.
+    """
     known = (labels != BACKGROUND).astype(np.uint8)
     if dilation > 0:
         size = 2 * dilation + 1
@@ -48,13 +57,13 @@ def judging_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint8]:
     return result
 
 
-def judging_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
-    """Convert the label maps of ``views`` for the fields, see :func:`judging_mask`.
+def silhouette_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
+    """Convert the label maps of some views by :func:`silhouette_mask`.
 
     Args:
-        scene: whose views the masks are of.
+        scene: the views.
         masks: label maps of all views.
-        views: numbers of those that are converted.
-        dilation: px by which masks grow.
+        views: numbers of the views whose masks are converted.
+        dilation: of the masks, px.
     """
-    return [judging_mask(masks.labels[i], dilation) for i in views]
+    return [silhouette_mask(masks.labels[i], dilation) for i in views]

@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from mgf_engine.native.parallel import parallel_map
 
 FREE, SOLID, INVALID = 0, 1, 2
-NEAR_ENOUGH = 0.02  # signed distance at which the search for the level ends
-PIECE_BITS = 5  # edges are numbered in 2^5 pieces, those of some threads at a time
-CHUNK = 1 << 19  # tetrahedra or quadrilaterals that are looked at together, which bounds the memory
-LEAST_STEP = 0.05  # share of what is left of a segment by which each try shortens it at least
+NEAR_ENOUGH = 0.02  # absolute signed distance at which root finding ends
+PIECE_BITS = 5  # edges are numbered in 2^5 pieces, a few of them at a time in parallel
+CHUNK = 1 << 19  # number of tetrahedra or quadrilaterals processed together, which limits the memory
+LEAST_STEP = 0.05  # minimum share by which each root-finding step shortens the bracket
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """The surface, before its vertices are placed on their edges.
+    """The surface before its vertices are placed on the edges.
 
     Attributes:
         edges: int32 [E, 2], (solid point, free point) of each crossing edge; one mesh vertex lies on each.
@@ -55,7 +55,7 @@ _ORDER = _even_orders()
 
 
 def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArray[np.float64]) -> Crossing:
-    """March the tetrahedra: find the crossing edges and the faces between them.
+    """Find the crossing edges of the tetrahedra, and the faces between them (marching tetrahedra).
 
     Args:
         tetrahedra: int32 [T, 4], positive volume.
@@ -67,7 +67,7 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
         ordered, solid = _crossing(tetrahedra[begin : begin + CHUNK], state)
         for count, kind in enumerate(kinds, 1):
             kind.append(ordered[solid == count])
-    del tetrahedra  # the largest array of the mesh stage; nobody else holds it
+    del tetrahedra  # the largest array of the mesh stage; this is its last reference
     one, two, three = (np.concatenate([np.zeros((0, 4), np.int32), *kind]) for kind in kinds)
     del kinds
     triangles = [one[:, [0, 1, 0, 2, 0, 3]].reshape(-1, 3, 2), three[:, [0, 3, 1, 3, 2, 3]].reshape(-1, 3, 2)]
@@ -132,21 +132,20 @@ def find_level(
     signed: Callable[[NDArray[np.float64], float], NDArray[np.floating]],
     steps: int,
 ) -> NDArray[np.float64]:
-    """Find the points on the segments solid-free [E, 3] where the sign changes.
+    """Find the root of the signed distance on each segment from ``solid`` to ``free``.
 
-    Where the distance is known at both ends of what is left of a segment the next point tried is where a line between
-    them crosses zero (an end that stays twice counts half: the Illinois rule), else the middle.
+    Regula falsi (Illinois variant) while the distance is finite at both ends of the bracket, else bisection.
 
     Args:
-        solid: [E, 3], ends in what is solid.
-        free: [E, 3], ends in free space.
-        signed: (points [n, 3], share of the work done) -> [n], below zero in what is solid; between -1 and 1 it goes
-            with the distance from the surface, beyond that only its sign counts; NaN is not solid.
-        steps: points tried on each segment at most.
+        solid: ends inside the solid, [E, 3].
+        free: ends in free space, [E, 3].
+        signed: (points [n, 3], share of the work done) -> signed distance [n], negative in the solid; proportional to
+            the distance between -1 and 1, beyond that only its sign counts; NaN counts as free.
+        steps: maximum number of evaluations per segment.
 
     Returns:
-        points [E, 3] at which ``NEAR_ENOUGH`` was met, or the best guess after ``steps`` tries: where distances are
-        unknown it lies within 2^-(steps + 1) of the segment's length.
+        Points [E, 3] whose distance is below ``NEAR_ENOUGH``, or the estimate after ``steps`` steps; by bisection it is
+        within 2^-(steps + 1) of the segment's length.
     """
     place = np.full(len(solid), 0.5)
     left, last = np.arange(len(solid)), np.full(len(solid), -1)
@@ -165,7 +164,7 @@ def find_level(
 
 
 def _next(end: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the place to try between two ends [n, 2] with values of opposite sign, infinite where only the sign is
+    """Return the next point of a bracket [n, 2] with values of opposite sign, infinite where only the sign is
     known."""
     known = np.isfinite(value).all(1)
     low, high = np.where(known, value.T, [[-1.0], [1.0]])

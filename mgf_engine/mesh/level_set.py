@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The level set: the surface between solid and free corners of tetrahedra."""
+"""Extract the level set of a field by marching tetrahedra."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from mgf_engine.timing import PartTimes
 
 @dataclass(frozen=True)
 class Reporting:
-    """Who is told how far the level set is.
+    """Callbacks of the level set extraction.
 
     Attributes:
-        progress: called with the share of its vertices that are placed, 0..1.
-        began: called with the number of each block before.
-        times: records what tetrahedra and level set take.
+        progress: called with the share that is done, 0..1.
+        began: called with the number of each block when it begins.
+        times: records the time of tetrahedra and level set.
     """
 
     progress: Callable[[float], None] = lambda share: None
@@ -44,15 +44,15 @@ def extract_level_set(
     reporting: Reporting = Reporting(),
     thin: Callable[[Mesh], Mesh] = lambda mesh: mesh,
 ) -> Mesh:
-    """Extract the raw surface O(x) = level, between solid and free corners of the tetrahedra.
+    """Extract the surface O(x) = level between solid and free corners of the tetrahedra.
 
     Args:
         blocks: points of the tetrahedra.
-        make_tetrahedra: makes the tetrahedra of a block by its number, [T, 4].
-        field: tells solid from free.
-        steps: of the search for the level on each edge.
-        reporting: is told of blocks and progress.
-        thin: takes vertices out of the mesh of a block, those on its borders excepted, where there are several.
+        make_tetrahedra: number of a block -> its tetrahedra, int32 [T, 4].
+        field: classifies points as solid or free.
+        steps: maximum number of root-finding steps on each edge.
+        reporting: callbacks.
+        thin: merges vertices of a block's mesh, except those on its borders; called if there are several blocks.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
@@ -85,7 +85,7 @@ def _place(
     steps: int,
     progress: Callable[[float], None],
 ) -> Mesh:
-    """Place a vertex on each crossing edge; faces with an overlong one are left out."""
+    """Place a vertex on each crossing edge; leave out faces with an overlong edge."""
     kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
     solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
 
@@ -97,7 +97,7 @@ def _place(
 
 
 def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return edges longer than the extents of both their Gaussians together: nothing is known along them, bool [E]."""
+    """Find the edges longer than the extents of their two Gaussians together, which span empty space, bool [E]."""
     length = np.linalg.norm(spanned.points[edges[:, 0]] - spanned.points[edges[:, 1]], axis=1)
     too_long: NDArray[np.bool_] = length > spanned.extent[edges].sum(1)
     return too_long

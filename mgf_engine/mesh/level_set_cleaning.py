@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clean the level set: what no photo shows goes, what masks call background goes, what is left is a manifold."""
+"""Clean the level set: remove what no photo shows and what the masks show as background, make it a manifold."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.mesh.unobserved_volumes import drop_unobserved
 from mgf_engine.model.mesh import Mesh
 
-#: Name of the vertices' values, bool [N]: those of small parts that photos confirm as a whole.
+#: Vertex attribute, bool [N]: vertices of small parts that the photos confirm.
 _SMALL_PART = "small_part"
 
 
@@ -34,11 +34,11 @@ def clean_level_set(
     trusted: TrustedViews,
     options: ExtractionOptions,
 ) -> Mesh:
-    """Clean the level set: remove false parts, orient it outward, close small holes, smooth it.
+    """Remove false parts of the level set, orient it outward, close small holes, and smooth it.
 
     Args:
         mesh: the level set.
-        field: that it was extracted from.
+        field: the field that it was extracted from.
         trusted: photos and masks.
         options: which steps to take, and how.
 
@@ -65,7 +65,7 @@ def _drop_unseen(
     mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
 ) -> Mesh:
     """Remove volumes and large patches that no photo shows."""
-    mesh = replace(mesh, values=field.known(mesh.vertices))
+    mesh = replace(mesh, values=field.observations(mesh.vertices))
     if "confidence" in mesh.values:
         confirmed = mesh.values["confidence"] >= options.fill.unconfirmed
         size = ground_pixels(mesh, trusted.views)
@@ -77,9 +77,9 @@ def _drop_unseen(
 def _cut_background(
     mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
 ) -> Mesh:
-    """Orient the mesh outward, and remove the parts that are hardly seen and the faces that lie on background.
+    """Orient the mesh outward; remove parts that few pixels show, and faces that the masks show as background.
 
-    Small parts that photos confirm stay, also where the cut leaves less of them; small remains of others do not.
+    Small parts that the photos confirm are kept, even if the removal makes them smaller; other small pieces are not.
     """
     labels = trusted.labels if options.use_masks and options.face_votes else None
     counts = count_pixels(mesh, trusted.views, labels)
@@ -101,7 +101,7 @@ def _cut_background(
 def _confirmed(
     mesh: Mesh, asked: NDArray[np.bool_], field: OpacityField | TsdfField, options: ExtractionOptions
 ) -> NDArray[np.bool_]:
-    """Find the faces, of those asked for, in parts that photos confirm, bool [F]; none where photos are not asked."""
-    if not options.drop_unseen or "confidence" not in field.known(mesh.vertices[:1]):
+    """Find those of the faces ``asked`` [F] that are in parts confirmed by the photos, bool [F]."""
+    if not options.drop_unseen or "confidence" not in field.observations(mesh.vertices[:1]):
         return np.zeros(len(mesh.faces), bool)
-    return confirmed_parts(mesh, asked, lambda points: field.known(points)["confidence"], options.components)
+    return confirmed_parts(mesh, asked, lambda points: field.observations(points)["confidence"], options.components)

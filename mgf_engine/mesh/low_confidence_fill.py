@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dents and bags that no two photos confirm are stretched over their rim: rooms behind panes that mirror, flaps."""
+"""Fill dents that no two photos confirm, such as rooms behind mirroring panes, by a membrane spanned over their rim."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class LowConfidenceFillOptions:
 def fill_low_confidence(
     mesh: Mesh, confidence: NDArray[np.floating], options: LowConfidenceFillOptions = LowConfidenceFillOptions()
 ) -> Mesh:
-    """Move the vertices of unconfirmed patches to the surface that their rims span: each to the mean of its neighbours.
+    """Move the vertices of unconfirmed patches onto the membrane over their rim: each to the mean of its neighbours.
 
-    Only dents and bags are moved: what stands out may be a corner that few photos see. A bag with a narrow neck shrinks
-    to a point, and its faces go. Vertices on open edges stay, and so do patches with hardly any rim (parts of their
-    own) and those that would end with three faces at an edge.
+    Only dents, and bags behind a narrow opening, are moved: a protrusion may be a corner that few photos see. A bag
+    shrinks to a point, and its faces are removed. Vertices on open edges are fixed, and so are patches with hardly any
+    rim (separate components) and patches that would become non-manifold.
 
     Args:
         confidence: [N], 0..1.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The vote of the masks on the finished surface: what most photos call background is cut away.
+"""Remove the faces that most masks show as background, pixel by pixel.
 
-Gaussians are screened with grown masks (eq. 21-22), because a mask a few pixels too tight must not cost a chimney. So a
-rim of the surroundings a few pixels wide stays around the building, most visibly a skirt of ground around its foot.
-On the surface it is known which photos really see a face, and the vote can be taken to the pixel.
+Gaussians are screened with dilated masks (eq. 21-22), so that a mask that is a few pixels too tight does not remove a
+chimney. This leaves a rim of the surroundings around the building, most visibly a skirt of ground at its foot. On the
+extracted surface visibility is known, so the vote is exact to a pixel.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def cut_background(
     left: NDArray[np.bool_] | None = None,
     options: MaskVoteOptions = MaskVoteOptions(),
 ) -> Mesh:
-    """Remove the faces that lie on background in most of the pixels that see them.
+    """Remove the faces for which most of the pixels that show them are background.
 
     Args:
         mesh: normalised frame.
@@ -64,7 +64,7 @@ def cut_background(
 
 
 def _shared(mesh: Mesh, count: NDArray[np.int32], o: MaskVoteOptions) -> NDArray[np.float64]:
-    """Return votes [F] averaged with those of the faces around."""
+    """Average votes [F] over neighbouring faces."""
     around = np.maximum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)), 1)
     votes = count.astype(np.float64)
     for _ in range(o.spread):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pairs of a vertex and a plane that it is near, and places in those planes."""
+"""Find the planes near each vertex, as pairs of a vertex and a plane."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The opacity field O(x) (eq. 23-25): what is solid, what is free, what is unknown.
+"""The opacity field O(x) (eq. 23-25): classify points as solid, free or unknown.
 
-A point is free when a view looks through to it, that is, when the opacity in front of it is below the level in
-the views that see it (eq. 25 takes the minimum over them). Views see a point that lies in front of them, in their
-frame and inside their mask, or anywhere in their frame, as eq. 25 is printed (``every_view``). A point that falls on
-certain background in enough views is free whatever stands in front of it (the visual hull); one that no view can judge
-is invalid.
+A point is free if the minimum over the views of the opacity in front of it is below the level (eq. 25). Views count
+that have the point in front of them, in their frame and inside their mask, or anywhere in their frame, as eq. 25 is
+printed (``every_view``). A point outside the visual hull is free whatever is in front of it; one that no view sees is
+invalid.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.raster import points as kernel
 from mgf_engine.sampling import farthest_point_sampling
 
-CHUNK = 1 << 22  # points that are asked at a time, which bounds the memory; each chunk projects the field anew
+CHUNK = 1 << 22  # number of points evaluated at a time, which limits the memory; each chunk projects the field again
 
 Progress = Callable[[float], None]
 
@@ -53,14 +52,14 @@ class OpacityOptions:
 
 
 class OpacityField:
-    """O(x) of a field over a set of views.
+    """Opacity O(x) of a field over a set of views.
 
     Args:
         gaussians: the field, normalised frame.
-        views: the cameras that judge.
-        masks: per view uint8 [H, W] as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        options: opacity at which the surface is taken (eq. 26), and what is free.
-        evidence: the same surface from depth maps, which tells what the views really show.
+        views: cameras of the trusted photos.
+        masks: for each view uint8 [H, W] from :func:`mgf_engine.mesh.hull.silhouette_mask`.
+        options: opacity of the surface (eq. 26), and the visual hull.
+        evidence: fused depth maps of the same field, for :meth:`observations`; None for none.
     """
 
     def __init__(
@@ -79,7 +78,7 @@ class OpacityField:
         self._kernel = kernel.PointOpacity(gaussians)
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
-        """Classify points [N, 3] as FREE, SOLID or INVALID, uint8 [N]; only the sign of O - level is found out."""
+        """Classify points [N, 3] as FREE, SOLID or INVALID, uint8 [N], by the sign of O - level."""
         state = np.empty(len(points), np.uint8)
         for start in range(0, len(points), CHUNK):
             part = slice(start, min(start + CHUNK, len(points)))
@@ -105,12 +104,11 @@ class OpacityField:
         return state
 
     def signed(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.float32]:
-        """Return minus infinity in what is solid, else plus infinity, [N]: eq. 25 bounds the opacity and stops
-        there."""
+        """Return -inf for solid points [N, 3] and +inf for all others, [N]: this field has no distance."""
         return np.where(self.classify(points, progress) == SOLID, -np.inf, np.inf).astype(np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
-        """Set the level to the median opacity (eq. 25) of triangulated points of the surface [N, 3]; returns it.
+        """Set the level to the median opacity (eq. 25) of triangulated surface points [N, 3]; return it.
 
         Points where the field is empty do not count: the surface is missing there, whatever the level.
         """
@@ -124,19 +122,19 @@ class OpacityField:
             self.level = float(np.clip(np.median(found), *self.options.levels))
         return self.level
 
-    def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """Sample what the views show near points [N, 3] of a surface; see :meth:`mgf_engine.mesh.tsdf.TsdfField.known`.
+    def observations(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """Count the views that show a surface, see :meth:`mgf_engine.mesh.tsdf.TsdfField.observations`.
 
-        All are ``confirmed``: eq. 25 does not tell what was seen from what was only not ruled out. Without ``evidence``
-        nothing else is known.
+        All points [N, 3] are ``confirmed``: eq. 25 does not separate what views show from what none rules out. Without
+        ``evidence`` there is nothing else.
         """
         if self.evidence is None:
             return {"confirmed": np.ones(len(points), bool)}
-        # The level set of thick Gaussians may lie some pixels before their depths.
-        return {**self.evidence.known(points), "confirmed": np.ones(len(points), bool)}
+        # The level set of thick Gaussians may lie some pixels in front of their depth maps.
+        return {**self.evidence.observations(points), "confirmed": np.ones(len(points), bool)}
 
     def _seen(self, points: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """Return the state of each point from where it falls in the masks alone, and how many views judge it."""
+        """Return the state of each point from the masks alone, uint8 [N], and the number of views that see it, [N]."""
         background, seen = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
         for view, mask in zip(self.views, self.masks, strict=True):
             verdict = kernel.locate(points, view, mask).verdict
@@ -151,12 +149,12 @@ class OpacityField:
 
 
 def _opened(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a mask of :func:`mgf_engine.mesh.hull.judging_mask` without its background."""
+    """Return a mask of :func:`mgf_engine.mesh.hull.silhouette_mask` without its background."""
     return np.where(mask == kernel.OUTSIDE, kernel.INSIDE, mask).astype(np.uint8)
 
 
 def _share_of(progress: Progress, part: slice, count: int) -> Progress:
-    """Return the progress of one part of ``count`` points as that of the whole."""
+    """Return a progress callback for a slice of ``count`` points."""
     return lambda share: progress((part.start + share * (part.stop - part.start)) / count)
 
 

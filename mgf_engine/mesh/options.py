@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options of the mesh extraction: of all its steps."""
+"""Options of the mesh extraction: those of the stage, and those of all its steps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mgf_engine.scene.neighbours import NeighbourOptions
 
 @dataclass(frozen=True)
 class ExtractionOptions:
-    """All options of the mesh extraction: those that belong to no single step, of the job, and of the steps."""
+    """All options of the mesh extraction: those that several steps share, options of the job, and of each step."""
 
     calibration_error: float = parameter(
         1.0, "Reprojection error below which a sparse point calibrates the level of the surface", "px"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which named part (window, door, roof, ...) each face of the mesh belongs to, by the masks' second level.
+"""Assign each face of the mesh to a part that the user named (window, door, roof, ...), by the elements of the masks.
 
 Only parts that the user named count; what was found automatically has no name worth a material. Photos that show a
 named part vote on the vertices they see; a vertex is what more than half of them say, a face what most of its corners

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How alike the photos look at places on a surface: normalised cross-correlation of patches that lie in it.
+"""Photo-consistency of points on a surface: normalised cross-correlation of patches in the tangent plane.
 
-A patch is a grid of places in the tangent plane, a ground pixel apart; each photo that sees the vertex best shows it
-once. Unlike a depth map this compares any places with one another, for example a vertex and its foot on a plane.
+A patch is a grid of points in the tangent plane, one ground pixel apart, sampled in the photos that see the vertex
+best. Unlike depth maps, this rates any point, for example a vertex and its projection onto a plane.
 """
 
 from __future__ import annotations
@@ -142,10 +142,10 @@ def _correlate(patches: NDArray[np.float32], seen: NDArray[np.bool_], o: PatchOp
     patches = patches - patches.mean(2, keepdims=True)
     variance = np.where(seen, (patches**2).mean(2), 0.0)
     product = np.einsum("mkp,mlp->mkl", patches, patches) / patches.shape[2]
-    # what noise alone could explain is no likeness, and a contrast that one photo lacks is a difference
-    likeness = product / ((variance[:, :, None] + variance[:, None, :]) / 2 + o.noise**2)
+    # noise**2 keeps noise from correlating; the mean variance (not the product) counts a difference in contrast
+    correlation = product / ((variance[:, :, None] + variance[:, None, :]) / 2 + o.noise**2)
     both = seen[:, :, None] & seen[:, None, :] & ~np.eye(seen.shape[1], dtype=bool)
-    first = -np.sort(-np.where(both, likeness, -np.inf), axis=2)[:, :, : o.partners]
+    first = -np.sort(-np.where(both, correlation, -np.inf), axis=2)[:, :, : o.partners]
     known = np.isfinite(first)
     mean = np.where(known, first, 0.0).sum(2) / np.maximum(known.sum(2), 1)
     score = np.where(known.any(2), mean, -np.inf).max(1)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth maps moved along their rays to where neighbouring photos look most alike.
+"""Photometric refinement of depth maps: search along each ray for the depth with the best patch correlation.
 
-The field is trained on colours, one photo at a time, and knows a surface to about half a pixel. Patches of two photos
-that see the same spot tell its depth to a tenth of one, but only near the truth and only where there is texture: the
-rendered depth gives them the start, and keeps the last word where they say nothing.
+Depths rendered from the field are accurate to about half a pixel. Patch matching between two photos is accurate to a
+tenth of a pixel, but needs texture and a good initial depth, which the rendering provides. Where nothing correlates,
+the rendered depth is kept.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
 from mgf_engine.scene.kernel_photos import pack_quads, photo_struct
 
-PATCH_PIXELS = 25  # pixels of a patch, whose depths share one error
+PATCH_PIXELS = 25  # pixels of a patch; their depths have the same error
 
 Array = NDArray[np.float32]
 Progress = Callable[[float], None]
@@ -45,13 +45,14 @@ class MatchOptions:
 
 @dataclass(frozen=True)
 class Surface:
-    """A photo and what the field shows in it.
+    """A photo with the depth and normals rendered from its view.
 
     Attributes:
-        grey: uint8 [H, W], brightness of the photo.
-        depth: float32 [H, W], 0 where no surface is shown.
-        normal: float32 [H, W, 3], unit, in the camera's frame, facing the camera.
-        through: bool [H, W], where the view looks past everything.
+        view: the camera.
+        grey: the photo in grey levels, uint8 [H, W].
+        depth: float32 [H, W], 0 for no surface.
+        normal: unit normals in the camera frame, facing the camera, float32 [H, W, 3].
+        through: pixels that see past every surface, bool [H, W].
     """
 
     view: View
@@ -62,64 +63,65 @@ class Surface:
 
     @cached_property
     def quads(self) -> NDArray[np.uint32]:
-        """The photo as the kernels read it, [H, W]."""
+        """The photo with each pixel's 2 x 2 neighbourhood packed into one number, as the kernels read it, [H, W]."""
         return pack_quads(self.grey)
 
 
 @dataclass(frozen=True)
 class Matched:
-    """What the neighbours make of a depth map, [H, W].
+    """A depth map after matching with the neighbouring photos; all arrays float32 [H, W].
 
     Attributes:
-        likeness: 0..1, how alike the photos look there (0: no say).
-        precision: inverse variance of the depth, per square pixel of parallax; 0 where no photo tells it.
-        parallax: relative change of the inverse depth that is one pixel of parallax; 0 where nothing is matched.
-        trust: weight of what no photo has a say on; None for what the field vouches for alone.
+        depth: 0 for no surface.
+        correlation: mean normalised cross-correlation at that depth, 0..1; 0 without a match.
+        precision: inverse variance of the depth, per square pixel of parallax; 0 without a match.
+        parallax: relative change of the inverse depth per pixel of parallax; 0 without a match.
+        trust: weight of depths without a match; None takes the option ``tsdf.unmatched``.
     """
 
     depth: Array
-    likeness: Array
+    correlation: Array
     precision: Array
     parallax: Array
     trust: Array | None = None
 
 
 def without_match(surface: Surface) -> Matched:
-    """Return the depth as rendered."""
+    """Return the rendered depth as an unmatched one."""
     nothing = np.zeros_like(surface.depth)
     return Matched(surface.depth, nothing, nothing, nothing)
 
 
 def match_surface(first: Surface, others: Sequence[Surface], options: MatchOptions = MatchOptions()) -> Matched:
-    """Match the depth of ``first`` where its photo and the neighbours' correlate best among the depths tried."""
+    """Refine the depth of ``first`` to the best mean correlation with its neighbours among the depths tried."""
     pixels = np.flatnonzero(first.depth.ravel() > 0).astype(np.int32)
-    likeness, precision, parallax = (np.zeros(first.depth.size, np.float32) for _ in range(3))
+    correlation, precision, parallax = (np.zeros(first.depth.size, np.float32) for _ in range(3))
     depth = first.depth.ravel().copy()
     if len(pixels) and others:
         scores, counts, step = correlations(first, others, pixels, options)
         shift, best, curvature = _peak(scores, counts, options.least_correlation)
         depth[pixels] = depth[pixels] / (1 + shift * step)
-        likeness[pixels], parallax[pixels] = best, step / options.pixels
+        correlation[pixels], parallax[pixels] = best, step / options.pixels
         noise = np.maximum(1 - best, options.least_noise) * PATCH_PIXELS * options.pixels**2
         precision[pixels] = counts * curvature / noise
-    return Matched(*(values.reshape(first.depth.shape) for values in (depth, likeness, precision, parallax)))
+    return Matched(*(values.reshape(first.depth.shape) for values in (depth, correlation, precision, parallax)))
 
 
 def correlations(
     first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], options: MatchOptions = MatchOptions()
 ) -> tuple[Array, Array, Array]:
-    """Correlate the patches around ``pixels`` [N] for each tried depth, summed over neighbours that see them.
+    """Compute the normalised cross-correlation of patches at each tried depth, summed over the neighbours.
 
-    The tried depths are ``depth / (1 + (k - steps // 2) * step)``; pixels less than two from the rim are left out.
+    The tried depths are ``depth / (1 + (k - steps // 2) * step)``; pixels closer than two to the frame are left out.
 
     Args:
-        first: photo and surface whose depths are tried.
-        others: those of the neighbours.
-        pixels: flat indices, [N].
-        options: number and length of the steps, and what hides a pixel.
+        first: photo and depth map that is refined.
+        others: photos and depth maps of the neighbours.
+        pixels: flat indices of the pixels, int32 [N].
+        options: number and length of the steps, and the occlusion test.
 
     Returns:
-        sums [N, steps], number of neighbours [N], and the steps [N].
+        Sums of correlations [N, steps], number of neighbours that see the pixel [N], and the steps [N].
     """
     count, view = len(pixels), first.view
     scores, counts, step = (np.zeros(shape, np.float32) for shape in ((count, options.steps), count, count))
@@ -137,8 +139,10 @@ def _struct(surfaces: Sequence[Surface], first: View) -> NDArray[np.void]:
 
 
 def _peak(scores: Array, counts: Array, least: float) -> tuple[Array, Array, Array]:
-    """Find where the mean correlation peaks, in steps from the start, how high and how sharply, [N] each; 0 where
-    nothing is sure."""
+    """Find the peak of the mean correlation by a parabola: offset in steps, value and curvature, [N] each.
+
+    All are 0 where there is no peak of at least ``least``.
+    """
     count, steps = scores.shape
     best = np.clip(scores.argmax(1), 1, steps - 2)
     at, mean = np.arange(0, count * steps, steps) + best, np.maximum(counts, 1)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Project nearly planar regions of a mesh onto their planes.
 
-A vertex within three times the noise of its plane, and never further than a ground pixel, goes into the plane, one up
-to twice as far by a share; one between two planes goes onto the line where they meet, one between three into the
-corner. What stands out by more stays.
+A vertex within three times the noise of its plane, and at most a ground pixel, is projected onto it; up to twice that
+distance it moves by a share. A vertex between two planes moves onto their crease, between three into their corner.
+Vertices farther away do not move.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _label_creases(
     plane: NDArray[np.int64],
     o: PlanarOptions,
 ) -> NDArray[np.int32]:
-    """Return the plane of each face, int32 [F], also of those along creases: there the nearest of its planes."""
+    """Return the plane of each face, int32 [F]; faces along creases get the nearest of their planes."""
     corner = mesh.adjacency.corner
     start = mesh.adjacency.start.astype(np.int64)
     times = (start[1:] - start[:-1])[vertex]
@@ -88,7 +88,7 @@ def _moves(
     near: NDArray[np.int64],
     o: PlanarOptions,
 ) -> NDArray[np.float64]:
-    """Return the shortest way of each vertex into the planes of its faces, [N, 3]; none where it is too far."""
+    """Return the shortest displacement of each vertex into the planes of its faces, [N, 3]; 0 if that is too far."""
     count, total = len(planes.normals), len(pixel)
     several = np.bincount(near, minlength=total) > 1
     labelled = np.flatnonzero(label >= 0)
@@ -98,7 +98,7 @@ def _moves(
     reach = np.where(several[vertex], o.band, np.minimum(o.sigmas * planes.noise[plane], o.band)) * pixel[vertex]
     times = np.bincount(vertex, minlength=total)
     one = times[vertex] == 1
-    # A vertex that stays beside one that moves would leave a step: those a little farther out move by a share.
+    # A fixed vertex next to a moved one would make a step: vertices a little farther away move by a share.
     share = np.clip(2 - np.abs(off) / np.maximum(reach, 1e-300), 0, 1)
     far = np.zeros(total, bool)
     far[vertex[~one & (np.abs(off) > reach)]] = True
@@ -118,7 +118,7 @@ def _moves(
 
 
 def _unturned(mesh: Mesh, moved: NDArray[np.float64], planes: Planes, label: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the moved vertices [N, 3], those of faces that would turn over where they were."""
+    """Return the moved vertices [N, 3]; those of faces that would be flipped keep their position."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     before = np.cross(b - a, c - a)
     size = np.einsum("ij,ij->i", before, before)

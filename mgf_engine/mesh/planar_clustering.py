@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Flat parts of the level set with fewer vertices: everything that follows takes as long as there are faces.
+"""Merge vertices in flat parts of the level set (vertex clustering), to speed up all later steps.
 
-Tetrahedra are as fine as the Gaussians' boxes, also where a wall is plain. What lies in one plane becomes one vertex
-per cell of a grid; edges, bars and all that is thinner than a cell keep every vertex (``native/csrc/mesh/flat.c``).
+The tetrahedra are as small as the Gaussians, even on plain walls. Vertices in one plane and one grid cell are merged;
+edges, bars and whatever is thinner than a cell keep every vertex (``native/csrc/mesh/flat.c``).
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ def merge_flat(
 
     Args:
         mesh: vertices with colours, and faces.
-        views: at least one, in the mesh's frame; they tell how large a pixel is.
-        options: size of the cells, and how plane one must be.
-        kept: tells which vertices [N, 3] stay as they are, bool [N]; None for none.
+        views: at least one, in the mesh's frame, for the size of a ground pixel.
+        options: size of the cells, and the flatness that is required.
+        kept: vertices [N, 3] -> bool [N], vertices that are not merged; None for none.
 
     Raises:
-        MemoryError: the work needs about 100 bytes per vertex.
+        MemoryError: about 100 bytes per vertex are not available.
     """
     for side in options.cells:
         pixel = nearest_pixels(mesh.vertices, views)
@@ -99,8 +99,7 @@ def merge_cells(
 
 
 def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return vertices [N] that were merged where the surface then meets itself: two discs that share a rim of two
-    edges."""
+    """Find merged vertices [N] at which the surface touches itself: two discs whose rims share two edges."""
     merged = np.bincount(into, minlength=len(into)) > 1
     faces = into[faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(1)]

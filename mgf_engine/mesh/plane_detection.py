@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Detect the planes of a mesh: region growing from places with even normals, with a robust fit.
+"""Detect the planes of a mesh by region growing from faces with similar normals, with a robust fit.
 
-The noise of each plane is measured from the mesh itself. Bent surfaces are refused: where a paraboloid, or the means
-over larger cells, leave the plane by more than the slow waves of depths by stereo.
+The noise of each plane is estimated from the mesh. Curved surfaces are rejected: those where a paraboloid, or the means
+over larger cells, deviate from the plane by more than the low-frequency error of stereo depths.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> P
 
 
 def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
-    """Find planes of at least ``least_area``, the most even places first."""
+    """Find planes of at least ``least_area``, starting at the flattest faces."""
     label = np.full(len(faces.area), -1, np.int32)
     found: list[tuple[Plane, float]] = []
     refused: list[Plane] = []
@@ -210,8 +210,7 @@ def _same(plane: Plane, others: list[Plane], at: NDArray[np.float64], pixel: flo
 def _grow(
     faces: MeshFaces, plane: Plane, free: NDArray[np.int64], o: PlanarOptions
 ) -> tuple[tuple[Plane, float], NDArray[np.int64]] | None:
-    """Return the largest connected part of a plane: the plane with its noise, and the faces; None where it is
-    refused."""
+    """Grow a plane to its largest connected region: the plane, its noise, and the faces; None if it is rejected."""
     inside = _largest_part(faces, free[np.abs(faces.distances(plane, free)) < o.band])
     if faces.area[inside].sum() < o.least_area:
         return None
@@ -223,7 +222,7 @@ def _grow(
             return None
         plane = _fit(faces, inside, weight).facing(plane.normal)
     off = faces.distances(plane, inside)
-    # the mean of three corners has less noise than each: a relief of some sigma has hardly a face that passes for flat
+    # centres of faces have less noise than vertices, so in a relief of a few sigma hardly any face counts as flat
     kept = np.abs(off) <= o.sigmas * _noise(off, faces.area[inside])
     inside, off = inside[kept], off[kept]
     if faces.area[inside].sum() < o.least_area or _bent(faces, inside, off, plane.normal, o):
@@ -242,7 +241,7 @@ def _fit(faces: MeshFaces, rows: NDArray[np.int64], weight: NDArray[np.float64])
 
 
 def _largest_part(faces: MeshFaces, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return those of the faces that hang together and have most area."""
+    """Return the connected component of the faces with the largest area."""
     place = np.full(len(faces.area), -1, np.int64)
     place[rows] = np.arange(len(rows))
     a, b = place[faces.pairs]
@@ -255,7 +254,7 @@ def _largest_part(faces: MeshFaces, rows: NDArray[np.int64]) -> NDArray[np.int64
 
 
 def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
-    """Estimate the standard deviation of distances by the median of their amounts, weighted by area."""
+    """Estimate the standard deviation of distances by the area-weighted median of their absolute values."""
     order = np.argsort(np.abs(off))
     sums = np.cumsum(area[order])
     return float(1.4826 * np.abs(off)[order[np.searchsorted(sums, sums[-1] / 2)]])
@@ -264,7 +263,7 @@ def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
 def _bent(
     faces: MeshFaces, rows: NDArray[np.int64], off: NDArray[np.float64], normal: NDArray[np.float64], o: PlanarOptions
 ) -> bool:
-    """Tell whether the faces are too narrow for a plane, or leave it together.
+    """Tell whether faces are too narrow for a plane, or deviate from it systematically.
 
     Two tests: the means over cells, and what a paraboloid explains against the noise around those means.
     """

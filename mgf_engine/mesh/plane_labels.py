@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Label the vertices of a mesh with the plane that they belong to, or none, by what the photos say.
+"""Label each vertex of a mesh with a plane or none, by photo-consistency.
 
-A dent in a plain wall, and a worn edge between two walls, are places where no photo tells the surface: there the plane
-is the simpler answer. Where photos have contrast they must look as much alike on the plane as where the vertex was
-measured. The labels of least cost are sought by iterated conditional modes (Besag, *On the statistical analysis of
-dirty pictures*, 1986), with neighbours that pay for a step between them.
+At a dent in a plain wall or a rounded edge between two walls, the photos have no texture: there a plane is the simplest
+explanation. Where they have contrast, they must correlate on the plane as well as at the vertex. The cost of the labels
+also penalises steps between neighbours; it is minimised by iterated conditional modes (Besag, *On the statistical
+analysis of dirty pictures*, 1986).
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def _plane_costs(
 def _photo_costs(
     mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, o: PlaneLabelOptions
 ) -> Array:
-    """Return by how much less the photos look alike in the plane than at the vertex, where they have contrast, [K]."""
+    """Return the loss of correlation from a vertex to its projection, where photos have contrast, [K]."""
     cost = np.zeros(len(candidates.off))
     asked = np.flatnonzero(candidates.off > o.trusted_distance)
     vertex, plane = candidates.near.vertex[asked], candidates.near.plane[asked]
@@ -191,7 +191,7 @@ def _crease_signs(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions
 def _choose(
     mesh: Mesh, pixel: Array, planes: Planes, near: NearPlanes, cost: Array, none: Array, o: PlaneLabelOptions
 ) -> NDArray[np.int32]:
-    """Return the labels of least cost: ``cost`` [K] of the pairs, ``none`` [N] of no plane, and steps along edges."""
+    """Minimise the cost of the labels: ``cost`` [K] of pairs, ``none`` [N] of no plane, and of steps along edges."""
     count = len(none)
     vertex, plane, own = np.r_[np.arange(count), near.vertex], np.r_[np.full(count, -1), near.plane], np.r_[none, cost]
     order = np.argsort(vertex, kind="stable")
@@ -203,7 +203,7 @@ def _choose(
     for _ in range(o.rounds):
         mixed = np.zeros(count, bool)
         mixed[np.repeat(np.arange(count), np.diff(start))[label[neighbour] != np.repeat(label, np.diff(start))]] = True
-        mixed &= random.random(count) < 0.5  # neighbours that change at once would only exchange their labels
+        mixed &= random.random(count) < 0.5  # simultaneous changes of two neighbours would only swap their labels
         total = own.copy()
         rows = np.flatnonzero(mixed[vertex])
         for piece in range(0, len(rows), _PIECE):

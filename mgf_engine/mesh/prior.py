@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choose between field and starting surface at each pixel: the one that photos confirm, else the starting surface.
+"""Choose between the depths of the field and of the starting surface (the prior) at each pixel.
 
-A field trained on colours wanders where a wall is plain, and its depths are as noisy as its Gaussians; planes through
-edges are neither. But planes ignore what stands out from them, and there the photos decide.
+The depth with the higher correlation between photos is taken; without texture, that of the prior. On plain walls the
+colours do not constrain the field, and its depth is noisy, while the planes of the prior are exact. But these planes
+ignore whatever stands out from them: there the photos decide.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ class PriorOptions:
 
 
 @dataclass(frozen=True)
-class KnownSurface:
-    """What a view shows of a surface known before the field.
+class RenderedPrior:
+    """The prior as rendered from a view.
 
     Attributes:
-        surface: its depth and normals.
-        sure: strength of its planes, 0..1, float32 [H, W].
+        surface: depth and normals.
+        sure: confidence of its planes, 0..1, float32 [H, W].
     """
 
     surface: Surface
@@ -53,11 +54,11 @@ class KnownSurface:
 
 @dataclass(frozen=True)
 class Prior:
-    """A surface known before the field.
+    """The starting surface as a prior of the depth maps.
 
     Attributes:
-        mesh: normalised frame, outward.
-        sure: 0..1 for each face, float32 [F].
+        mesh: normalised frame, faces oriented outward.
+        sure: confidence of the plane of each face, 0..1, float32 [F].
     """
 
     mesh: Mesh
@@ -68,25 +69,25 @@ class Prior:
         """Unit normal of each face, [F, 3]."""
         return face_normals(self.mesh)
 
-    def seen_from(self, view: View, grey: NDArray[np.uint8]) -> KnownSurface:
-        """Render the prior from a view, with the photo's brightness [H, W] beside it."""
+    def seen_from(self, view: View, grey: NDArray[np.uint8]) -> RenderedPrior:
+        """Render the prior from a view whose photo in grey levels is ``grey``, uint8 [H, W]."""
         buffers = render_mesh(self.mesh, view)
         surface = visible_surface(buffers.depth, buffers.face, self.normals, view, grey)
         sure = np.where(surface.depth > 0, self.sure[np.maximum(buffers.face, 0)], 0).astype(np.float32)
-        return KnownSurface(surface, sure)
+        return RenderedPrior(surface, sure)
 
 
 def visible_surface(
     depth: Array, face: NDArray[np.int32], normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]
 ) -> Surface:
-    """Render a mesh from a view by depth and face of each pixel; front faces only.
+    """Make the rendered surface of a mesh from its depth and face buffers; back faces count as no surface.
 
     Args:
-        depth: of the mesh at each pixel, [H, W], 0 for none.
-        face: at each pixel, int32 [H, W], -1 for none.
+        depth: depth buffer, [H, W], 0 for none.
+        face: face at each pixel, int32 [H, W], -1 for none.
         normals: unit normal of each face, [F, 3].
         view: the camera.
-        grey: the photo's brightness, [H, W].
+        grey: the photo in grey levels, uint8 [H, W].
     """
     pixels = np.flatnonzero(face >= 0)
     normal = np.zeros((*face.shape, 3), np.float32)
@@ -94,17 +95,17 @@ def visible_surface(
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     front = normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2] < 0
-    # Where the mesh has a hole nothing is known: it may be missing there.
+    # A hole in the mesh is no evidence of free space: the surface may be missing there.
     return Surface(view, grey, np.where(front, depth, 0.0).astype(np.float32), normal, np.zeros(face.shape, bool))
 
 
-def combine_surfaces(field: Surface, known: KnownSurface, options: PriorOptions = PriorOptions()) -> Surface:
-    """Combine field and prior: the prior where both are one and its plane is sure, or the field shows nothing.
+def combine_surfaces(field: Surface, known: RenderedPrior, options: PriorOptions = PriorOptions()) -> Surface:
+    """Combine field and prior: the prior where both agree and its plane is certain, or the field shows no surface.
 
     Args:
-        field: as the field shows it in a view.
-        known: as the prior shows it there.
-        options: when a plane is certain.
+        field: surface rendered from the field.
+        known: the prior rendered from the same view.
+        options: when depths agree, and when a plane is certain.
     """
     prior, sure = known.surface, known.sure
     same = np.abs(field.depth - prior.depth) * field.view.fx < options.same * prior.depth
@@ -116,37 +117,40 @@ def combine_surfaces(field: Surface, known: KnownSurface, options: PriorOptions 
 
 def choose_depths(
     field: Surface,
-    known: KnownSurface,
+    known: RenderedPrior,
     matched: Matched,
     others: Sequence[Surface],
     search: MatchOptions,
     match: Callable[[Surface, Sequence[Surface], MatchOptions], Matched] = match_surface,
     options: PriorOptions = PriorOptions(),
 ) -> tuple[Surface, Matched]:
-    """Choose surface and matched depth of a view, each pixel from the field or from the prior.
+    """Choose surface and matched depth of a view, for each pixel from the field or from the prior.
 
     Args:
-        field: as :func:`combine_surfaces` gives it.
-        known: as the prior shows it in the view.
+        field: as :func:`combine_surfaces` returns it.
+        known: the prior rendered from the view.
         matched: the matched depth of ``field``.
-        others: what the neighbours show of the prior.
-        search: steps of the matching.
+        others: the prior rendered from the neighbouring views.
+        search: options of the matching.
         match: matches a surface with its neighbours.
         options: of the choice.
+
+    Returns:
+        The chosen surface, and its matched depth.
     """
     prior, sure = known.surface, known.sure
     there = prior.depth > 0
     apart = there & (np.abs(field.depth - prior.depth) * field.view.fx >= options.same * prior.depth)
     rival = match(replace(prior, depth=np.where(apart, prior.depth, 0).astype(np.float32)), others, search)
-    better = rival.likeness > matched.likeness - np.where(sure >= options.sure, options.gain, -options.gain)
-    # A field shows what is behind where its Gaussians leave gaps; the prior, which is closed, does not.
-    silent = (matched.likeness == 0) & ((sure > 0) | (prior.depth < field.depth))
-    take = apart & np.where(rival.likeness > 0, better, silent)
+    better = rival.correlation > matched.correlation - np.where(sure >= options.sure, options.gain, -options.gain)
+    # Without a match the prior wins if it is nearer: gaps between Gaussians show what is behind; the prior has no gaps.
+    silent = (matched.correlation == 0) & ((sure > 0) | (prior.depth < field.depth))
+    take = apart & np.where(rival.correlation > 0, better, silent)
     depth = np.where(take, rival.depth, matched.depth).astype(np.float32)
-    likeness = np.where(take, rival.likeness, matched.likeness).astype(np.float32)
+    correlation = np.where(take, rival.correlation, matched.correlation).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
     here = there & (np.abs(depth - prior.depth) * field.view.fx < options.same * prior.depth)
     trust = np.where(here, options.trust[0] + options.trust[1] * sure, options.trust[0]).astype(np.float32)
     precision = np.where(take, rival.precision, matched.precision)
     precision = np.where((precision == 0) & here, options.plane_precision * sure, precision).astype(np.float32)
-    return replace(field, depth=depth, normal=normal), Matched(depth, likeness, precision, matched.parallax, trust)
+    return replace(field, depth=depth, normal=normal), Matched(depth, correlation, precision, matched.parallax, trust)

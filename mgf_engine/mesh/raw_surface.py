@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Extract the raw surface: the level set, from points by tetrahedra and field, that further steps clean and refine."""
+"""Extract the raw surface from the screened Gaussians: points, tetrahedra, field, and the level set between them."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar_clustering import merge_flat, nearest_pixels
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.surface_field import calibrate_level, select_near_box, surface_field
-from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide, tetrahedra_begun
-from mgf_engine.mesh.tetrahedra import TetraPoints, beside_surface, tetra_points
+from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide, tetrahedra_in_background
+from mgf_engine.mesh.tetrahedra import TetraPoints, add_surface_points, tetra_points
 from mgf_engine.mesh.trusted_views import TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.messages import Reporter
@@ -31,13 +31,21 @@ from mgf_engine.start.surface import StartSurface
 from mgf_engine.system import release_memory
 from mgf_engine.timing import PartTimes
 
-#: Shares of the stage, for the progress bar, when the tetrahedra begin and when the raw surface is done.
+#: Progress of the stage (0..1) before the tetrahedra and after the raw surface.
 _TETRAHEDRA, RAW_SURFACE_DONE = 0.22, 0.5
 
 
 @dataclass(frozen=True)
 class SurfaceInputs:
-    """What the raw surface is made from beside the field: ``start`` is the starting surface where it counts."""
+    """Inputs of the raw surface besides the Gaussians.
+
+    Attributes:
+        scene: photos, cameras and sparse points.
+        masks: label maps of the photos.
+        trusted: the photos whose masks are used.
+        start: the starting surface; None if it is not used.
+        box: crop box; None for no limit.
+    """
 
     scene: Scene
     masks: MaskSet
@@ -49,38 +57,41 @@ class SurfaceInputs:
 def raw_surface(
     kept: Gaussians, given: SurfaceInputs, options: ExtractionOptions, reporter: Reporter, times: PartTimes
 ) -> tuple[Mesh, OpacityField | TsdfField]:
-    """Extract the level set, and the field that it is of; points and tetrahedra, the largest arrays, are gone then.
+    """Extract the level set; points and tetrahedra, the largest arrays of the stage, are freed on return.
 
     Args:
-        kept: the screened field.
-        given: photos, masks and what is known of the surface.
+        kept: the screened Gaussians.
+        given: photos, masks, starting surface and crop box.
         options: of the extraction.
         reporter: for progress, warnings and the request to cancel.
         times: records the time of each step.
+
+    Returns:
+        The level set, and the field that it was extracted from.
     """
     with timed_part(times, "points"):
         blocks = divide(span_points(kept, given.box, given.start, options), options.blocks)
     prior = None if given.start is None else Prior(given.start.mesh, given.start.sure)
-    with tetrahedra_begun(blocks) as made:
+    with tetrahedra_in_background(blocks) as made:
         with timed_part(times, "depth maps"):
             field = surface_field(kept, given.trusted, options, reporter, prior)
             calibrate_level(field, given.scene, given.masks, options)
         mesh = extract_level_set(
             blocks, lambda number: made(number, reporter.check), field, options.level_steps,
-            _reporting(blocks, reporter, times), lambda part: _thin_flat(part, blocks, given.trusted.views, options),
+            _reporting(blocks, reporter, times), lambda part: _merge_flat(part, blocks, given.trusted.views, options),
         )  # fmt: skip
     if options.blocks > 1 and options.merge_flat:
-        mesh = _thin_seams(clean.weld(mesh), blocks, given.trusted.views, options)
+        mesh = _merge_seams(clean.weld(mesh), blocks, given.trusted.views, options)
     return mesh, field
 
 
-def _thin_flat(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
-    """Merge the vertices of a block's mesh in flat areas, where that is wanted; those that others share stay."""
+def _merge_flat(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
+    """Merge vertices in flat areas of a block's mesh, if ``merge_flat`` is on; keep those that other blocks share."""
     return merge_flat(mesh, views, options.clustering, blocks.on_border) if options.merge_flat else mesh
 
 
-def _thin_seams(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
-    """Merge the vertices of the joined mesh on the borders; a second round for all others would coarsen them."""
+def _merge_seams(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options: ExtractionOptions) -> Mesh:
+    """Merge vertices in flat areas along the borders of the blocks; a second round elsewhere would coarsen the mesh."""
     if len(blocks.members) < 2:  # all points are in one block
         return merge_flat(mesh, views, options.clustering)
     reach = max(options.clustering.cells)
@@ -93,7 +104,7 @@ def _thin_seams(mesh: Mesh, blocks: TetraBlocks, views: Sequence[View], options:
 
 @contextlib.contextmanager
 def timed_part(times: PartTimes, name: str) -> Iterator[None]:
-    """Time the body of a ``with`` statement as a part of the stage, and release memory after it."""
+    """Record the time of the body of a ``with`` statement as a part of the stage, and release memory after it."""
     with times.part(name):
         yield
         release_memory()
@@ -102,21 +113,21 @@ def timed_part(times: PartTimes, name: str) -> Iterator[None]:
 def span_points(
     gaussians: Gaussians, box: CropBox | None, start: StartSurface | None, options: ExtractionOptions
 ) -> TetraPoints:
-    """Span the points of the tetrahedra by Gaussians, in and near the crop box, and beside the starting surface.
+    """Make the points of the tetrahedra from the Gaussians in and near the crop box and from the starting surface.
 
     Args:
-        gaussians: the screened field.
+        gaussians: the screened Gaussians.
         box: crop box; None for no limit.
-        start: the starting surface where it counts.
-        options: of the tetrahedra, and how far around the box Gaussians count.
+        start: the starting surface; None if it is not used.
+        options: of the tetrahedra, and the margin around the box.
     """
     near = gaussians if box is None else select_near_box(gaussians, box, options.beside_box)
     spanned = tetra_points(near, options.tetrahedra)
-    return spanned if start is None else beside_surface(spanned, start.mesh, start.pixel, box, options.tetrahedra)
+    return spanned if start is None else add_surface_points(spanned, start.mesh, start.pixel, box, options.tetrahedra)
 
 
 def _reporting(blocks: TetraBlocks, reporter: Reporter, times: PartTimes) -> Reporting:
-    """Have the extraction of the level set report which block it is at, and its share of the stage."""
+    """Make the callbacks that report progress and the current block of the level set extraction."""
     count = len(blocks.members)
 
     def began(number: int) -> None:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Refine the finished mesh: move it to where the photos agree about it.
+"""Photometric mesh refinement: move the vertices to where patches of the photos correlate best.
 
-The depths of a trained field, and the planes on which patches of two photos are compared, are as noisy as its
-Gaussians. The mesh is the mean of all depth maps: patches on its own faces, compared in smaller steps, place it more
-precisely. Only vertices move; no face is added or removed.
+Depths rendered from the field, and the tangent planes of their patches, are as noisy as the Gaussians. The fused mesh
+is smoother, so patch matching on its faces, in smaller steps, is more accurate. Only vertices move; the faces stay.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ class RefinementOptions:
     )
     smoothing: int = parameter(2, "Number of rounds that smooth the moves of the vertices")
 
-    def narrowed(self, fusion: FusionOptions) -> FusionOptions:
+    def narrow(self, fusion: FusionOptions) -> FusionOptions:
         """Narrow the options of the fusion to the steps and the band of the refinement."""
         match = replace(fusion.match, steps=self.steps, pixels=self.pixels)
         return replace(fusion, match=match, tsdf=replace(fusion.tsdf, band=self.band))
@@ -56,12 +55,12 @@ def refine(
     fusion: FusionOptions = FusionOptions(),
     options: RefinementOptions = RefinementOptions(),
 ) -> Mesh:
-    """Move the vertices of a mesh to where the photos agree about them.
+    """Render depth maps of a mesh, match and fuse them, and move the vertices onto the result; repeat.
 
     Args:
         mesh: normalised frame.
-        trusted: photos and masks; without photos to match the mesh stays as it is.
-        rounds: number of times.
+        trusted: photos and masks; without photos to match the mesh is returned unchanged.
+        rounds: number of repetitions.
         progress: called with the share that is done.
         fusion: options of the matching, the smoothing and the fusion.
         options: of the refinement.
@@ -74,19 +73,19 @@ def refine(
         def report(share: float, done: int = number) -> None:
             progress((done + share) / rounds)
 
-        field = _fuse_matched(mesh, normals, trusted, trusted.photos, report, options.narrowed(fusion))
-        mesh = onto_surface(mesh, normals, field, ground_pixels(mesh, trusted.views), options)
+        field = _fuse_matched(mesh, normals, trusted, trusted.photos, report, options.narrow(fusion))
+        mesh = project_onto_surface(mesh, normals, field, ground_pixels(mesh, trusted.views), options)
     return mesh
 
 
 def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> Surface:
-    """Render the front of the mesh in a view.
+    """Render the front faces of the mesh from a view.
 
     Args:
         mesh: normalised frame.
         normals: unit normal of each face, [F, 3].
         view: the camera.
-        grey: the photo's brightness, [H, W].
+        grey: the photo in grey levels, uint8 [H, W].
     """
     buffers = render_mesh(mesh, view)
     return visible_surface(buffers.depth, buffers.face, normals, view, grey)
@@ -107,26 +106,26 @@ def _fuse_matched(
     def show(number: int) -> Surface:
         return render_surface(mesh, normals, trusted.views[number], photos.grey(number))
 
-    maps = make_depth_maps(ViewSurfaces(show), trusted.verdicts, photos.neighbours, options, progress)
+    maps = make_depth_maps(ViewSurfaces(show), trusted.silhouettes, photos.neighbours, options, progress)
     return TsdfField(maps, options.tsdf)
 
 
-def onto_surface(
+def project_onto_surface(
     mesh: Mesh,
     normals: NDArray[np.float64],
     field: TsdfField,
     pixel: NDArray[np.float32],
     options: RefinementOptions = RefinementOptions(),
 ) -> Mesh:
-    """Move every vertex along its normal onto the surface of ``field``, where that is near enough.
+    """Move each vertex along its normal onto the zero level of a signed distance, if that is near enough.
 
-    The moves are smoothed, not the surface: it keeps its edges, and bars of a few pixels do not shrink.
+    The displacements are smoothed, not the surface, so that edges stay sharp and bars of a few pixels do not shrink.
 
     Args:
         mesh: normalised frame.
-        normals: of the vertices, [N, 3].
-        field: whose surface it is.
-        pixel: size of a pixel at each vertex, [N].
+        normals: unit normals of the vertices, [N, 3].
+        field: the signed distance.
+        pixel: size of a ground pixel at each vertex, [N].
         options: reach, steps and smoothing.
     """
     shift, reach = np.zeros(len(pixel)), options.reach

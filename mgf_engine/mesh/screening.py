@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Multi-directional screening (eq. 21-22): only Gaussians whose centres the masks call building make the mesh."""
+"""Multi-directional screening (eq. 21-22): select the Gaussians whose centres lie inside the masks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ScreeningOptions:
 
 
 def voting_views(scene: Scene, masks: MaskSet) -> list[int]:
-    """Choose the views with a trusted mask that are not held out; all with a mask where none is left."""
+    """Return the numbers of views with a usable mask that are not held out; if there are none, all with a mask."""
     used = [int(i) for i in np.flatnonzero(masks.used)]
     held_out = set(scene.held_out)
     return [i for i in used if i not in held_out] or used
@@ -66,7 +66,7 @@ def screen(
     keep = finite(gaussians)
     if options.screening and options.use_masks:
         centres = gaussians.positions.detach().double().numpy()
-        # Sparse points may stand a few pixels beside a mask drawn for them; what is trained there hides the outline.
+        # Masks are dilated less here than for sparse points: Gaussians just outside would hide the building's outline.
         votes = replace(options.votes, dilation=options.dilation)
         voters = choose_voters(scene, voting_views(scene, masks), masks.clicked, votes)
         if votes.tolerance == 0 and votes.few == 0:
@@ -112,7 +112,7 @@ def veto_text(name: str, share: float) -> str:
 
 
 def finite(gaussians: Gaussians) -> NDArray[np.bool_]:
-    """Find the Gaussians whose parameters of shape and place are all finite, bool [N]."""
+    """Find the Gaussians whose position, scale, rotation and opacity are all finite, bool [N]."""
     parts = (gaussians.positions, gaussians.log_scales, gaussians.rotations, gaussians.opacity_logits[:, None])
     good: NDArray[np.bool_] = torch.isfinite(torch.cat(parts, 1)).all(1).numpy()
     return good

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make the field that tells solid from free: the opacity of the Gaussians (eq. 25), or their fused depth maps."""
+"""Make the field that classifies points as solid or free: fused depth maps, or opacity of the Gaussians (eq. 25)."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from mgf_engine.model.scene import Scene
 from mgf_engine.raster.device import choose_device
 from mgf_engine.scene.crop import CropBox
 
-_RENDERED = 0.15  # share of the stage in which depth maps are made
+_RENDERED = 0.15  # progress of the stage (0..1) when the depth maps are done
 
 log = logging.getLogger("mgf")
 
 
 def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:
-    """Set the level of the surface so that it runs through the most reliable sparse points, where that is wanted.
+    """Set the level of a field so that the surface runs through the most reliable sparse points (``calibrate_level``).
 
     Args:
-        field: whose level is set.
+        field: its level is set.
         scene: photos, cameras and sparse points.
-        masks: which tell the points on the building.
+        masks: select the points on the building.
         options: which points are reliable.
     """
     if not options.calibrate_level:
@@ -51,33 +51,33 @@ def surface_field(
     reporter: Reporter,
     prior: Prior | None = None,
 ) -> OpacityField | TsdfField:
-    """Make the field that tells solid from free, as the option ``surface`` says.
+    """Make the field of the option ``surface``.
 
-    The depth maps of a fused surface are made for an opacity surface, too, where anything asks what the views show.
+    With ``surface=opacity``, depth maps are fused as well if a later step needs to know what the photos show.
 
     Args:
         gaussians: the screened field.
         trusted: photos and masks.
         options: of the extraction.
         reporter: for progress, warnings and the request to cancel.
-        prior: a surface known before the field.
+        prior: the starting surface; None if it is not used.
     """
     gaussians = gaussians.to(choose_device(options.device).device)
     fused = None
     if options.surface == "fused" or options.match_photos or options.drop_unseen or options.span_dents:
         fused = fuse_gaussians(
-            gaussians, trusted.views, trusted.verdicts, trusted.photos,
+            gaussians, trusted.views, trusted.silhouettes, trusted.photos,
             lambda share: reporter.progress(_RENDERED * share), prior, options.fusion,
         )  # fmt: skip
         if options.surface == "fused":
             return fused
-    return OpacityField(gaussians, trusted.views, trusted.verdicts, options.opacity, fused)
+    return OpacityField(gaussians, trusted.views, trusted.silhouettes, options.opacity, fused)
 
 
 def select_near_box(gaussians: Gaussians, box: CropBox, beside: float) -> Gaussians:
-    """Select the Gaussians in the crop box and up to a share ``beside`` of its size around it.
+    """Select the Gaussians in the crop box, enlarged by the share ``beside`` of its size.
 
-    They span the tetrahedra and carry the surface to where it is cut. The field keeps all others: without them a view
+    Only these span the tetrahedra. The field keeps all Gaussians: without them a view
     of the far side would see through their places and call the inside of the building free.
 
     Raises:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tetrahedra of the mesh, block after block: those of a large building need more memory than anything else.
+"""Make the tetrahedra in blocks, one after another: those of a large building would need too much memory at once.
 
-Points on the borders are shared by the blocks at both sides, see :mod:`mgf_engine.geometry.block_grid`, so that the
-level set goes on across a border without a seam: the same edges cross it in the same places.
+Points on the borders belong to the blocks on both sides, see :mod:`mgf_engine.geometry.block_grid`, so that both have
+the same edges there and the level set has no seam.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mgf_engine.mesh.tetrahedra import TetraPoints
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.system import release_memory
 
-#: Makes the tetrahedra of a block by its number, corners [T, 4]; the check is called while it waits, and may raise.
+#: (number of a block, check) -> its tetrahedra, int32 [T, 4]; ``check`` is called while waiting, and may raise.
 Made = Callable[[int, Callable[[], None]], NDArray[np.int32]]
 
 
@@ -53,7 +53,7 @@ class TetraBlocks:
 
 
 def divide(spanned: TetraPoints, count: int) -> TetraBlocks:
-    """Divide points into at most ``count`` blocks; those without tetrahedra are left out.
+    """Divide points into at most ``count`` blocks; blocks without tetrahedra are left out.
 
     Args:
         spanned: the points.
@@ -68,8 +68,8 @@ def divide(spanned: TetraPoints, count: int) -> TetraBlocks:
 
 
 @contextlib.contextmanager
-def tetrahedra_begun(blocks: TetraBlocks) -> Iterator[Made]:
-    """Begin the tetrahedra of the first block beside what is done inside; gives a function that makes any block's.
+def tetrahedra_in_background(blocks: TetraBlocks) -> Iterator[Made]:
+    """Make the tetrahedra of the first block in the background; yield a function that makes those of any block.
 
     Raises:
         BadInput: as :func:`mgf_engine.geometry.delaunay.begun`, here or from the function.
@@ -96,10 +96,10 @@ def tetrahedra_begun(blocks: TetraBlocks) -> Iterator[Made]:
 def join_blocks(
     blocks: TetraBlocks, state: NDArray[np.uint8], mesh_of: Callable[[int], Mesh], began: Callable[[int], None]
 ) -> Mesh:
-    """Join the meshes of all blocks, each made when the one before is done and its tetrahedra are gone.
+    """Make and join the meshes of all blocks, one after another, so that only one block's tetrahedra are in memory.
 
-    A block that was done before the job was stopped is not done again. Vertices on borders are there once for each
-    block that has them, at the very same place.
+    Blocks that an interrupted run has finished are not repeated. Vertices on borders occur once for each block, at
+    exactly the same position.
 
     Args:
         blocks: points, and which of them each block has.

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the opacity is asked: points spanned by the Gaussians, joined by the tetrahedra of
-:mod:`mgf_engine.geometry.delaunay`.
+"""Vertices of the tetrahedra: centre and box corners of each Gaussian, as in Gaussian Opacity Fields.
 
-Each Gaussian gives its centre and the corners of its box. The box reaches as far as the Gaussian is visible,
-sqrt(2 ln(255 alpha)) standard deviations (there its contribution falls below 1/255), and never beyond three.
+The box extends to where the contribution of the Gaussian falls below 1/255, sqrt(2 ln(255 alpha)) standard deviations,
+and never beyond three. :mod:`mgf_engine.geometry.delaunay` joins the points.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from mgf_engine.raster.points import deviations
 from mgf_engine.scene.crop import CropBox
 from mgf_engine.start.samples import sample_poisson_disk
 
-MERGE = 1e-6  # of the points' bounding box: nearer points become one
+MERGE = 1e-6  # distance below which points are merged, as a share of the longest side of their bounding box
 
 
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # [8, 3]
@@ -45,11 +44,11 @@ class TetrahedraOptions:
 
 @dataclass(frozen=True)
 class TetraPoints:
-    """Points where the opacity is asked.
+    """Vertices of the tetrahedra.
 
     Attributes:
-        points: float64 [M, 3], normalised frame, no two alike.
-        extent: float64 [M], half the diagonal of the box of the Gaussian a point came from (the largest, when merged).
+        points: distinct points, normalised frame, float64 [M, 3].
+        extent: half the diagonal of the box of the Gaussian a point came from (the largest, if merged), float64 [M].
     """
 
     points: NDArray[np.float64]
@@ -57,7 +56,7 @@ class TetraPoints:
 
 
 def tetra_points(gaussians: Gaussians, options: TetrahedraOptions = TetrahedraOptions()) -> TetraPoints:
-    """Gather centres and box corners of the visible Gaussians, nearly equal ones merged.
+    """Return centres and box corners of the visible Gaussians; nearly equal points are merged.
 
     Raises:
         BadInput: no Gaussian is visible.
@@ -75,21 +74,21 @@ def tetra_points(gaussians: Gaussians, options: TetrahedraOptions = TetrahedraOp
     return _merge(points, extent)
 
 
-def beside_surface(
+def add_surface_points(
     spanned: TetraPoints,
     mesh: Mesh,
     pixel: float,
     box: CropBox | None = None,
     options: TetrahedraOptions = TetrahedraOptions(),
 ) -> TetraPoints:
-    """Add points on both sides of a surface where no Gaussian spans any, so that the level set can follow it.
+    """Add points on both sides of a surface where there are none near it, so that the level set can follow it.
 
     Args:
-        spanned: the points so far.
+        spanned: points of the Gaussians.
         mesh: the surface, normalised frame.
-        pixel: size of a pixel at the building.
-        box: where given, only in and beside it.
-        options: where points count as missing, and how far from the surface they are put.
+        pixel: size of a pixel at the building, in the mesh's units.
+        box: crop box, in and near which points are added; None for no limit.
+        options: spacing of the new points, and their distance from the surface.
     """
     spacing = options.spacing * pixel
     face, points = sample_poisson_disk(mesh, spacing, np.random.default_rng(0))

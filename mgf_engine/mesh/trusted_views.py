@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photos whose masks decide what is solid and what is free, and what depth matching needs of them."""
+"""Data classes: photos whose masks are reliable, and what depth matching needs of them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from mgf_engine.model.scene import View
 
 @dataclass(frozen=True)
 class Photos:
-    """What matching needs of the photos.
+    """Photos for patch matching.
 
     Attributes:
-        grey: number of a view -> uint8 [H, W], brightness.
-        neighbours: per view the numbers of those to match it with.
+        grey: number of a view -> its photo in grey levels, uint8 [H, W].
+        neighbours: for each view, the numbers of the views it is matched with.
     """
 
     grey: Callable[[int], NDArray[np.uint8]]
@@ -27,17 +27,18 @@ class Photos:
 
 @dataclass(frozen=True)
 class TrustedViews:
-    """The photos whose masks are good enough to tell solid from free.
+    """Photos whose masks are reliable enough to decide what is solid and what is free.
 
     Attributes:
         indices: their numbers in the scene.
-        verdicts: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        labels: label map of each view.
-        photos: their brightness, and which are compared; None where depths are not to be matched.
+        views: their cameras, normalised frame.
+        silhouettes: for each view uint8 [H, W] from :func:`mgf_engine.mesh.hull.silhouette_mask`.
+        labels: label map of each view, uint8 [H, W].
+        photos: photos and neighbours for patch matching; None with ``match_photos`` off.
     """
 
     indices: list[int]
     views: list[View]
-    verdicts: list[NDArray[np.uint8]]
+    silhouettes: list[NDArray[np.uint8]]
     labels: list[NDArray[np.uint8]]
     photos: Photos | None

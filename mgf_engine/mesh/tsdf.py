@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The surface as the mean of what the rendered depths of all views say, instead of eq. 25.
+"""Fuse the depth maps of all views into a truncated signed distance (TSDF, Curless and Levoy 1996), instead of eq. 25.
 
-Every view's depth is rendered once and moved to where its photo and its neighbours' look most alike. At a point,
-each view that is not covered says how far in front of its surface the point lies, clipped to a narrow band; the sign
-of the weighted mean tells solid from free. One view cannot dig a hole or leave a bubble on its own, as it can where
-the minimum over views decides, and asking costs a look-up per view instead of an integral.
+The depth map of each view is rendered once and refined by patch matching. The signed distance of a point is the
+weighted mean over all views that do not see it occluded, truncated to a narrow band. A single wrong view cannot make a
+hole or a bubble, as it can with the minimum over views of eq. 25; and a point costs a look-up per view instead of an
+integral.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.photometric import Surface
-from mgf_engine.mesh.prior import KnownSurface, Prior
+from mgf_engine.mesh.prior import Prior, RenderedPrior
 from mgf_engine.mesh.trusted_views import Photos
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
@@ -31,13 +31,13 @@ from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.points import NEAR
 from mgf_engine.spill import Spill
 
-CHUNK = 1 << 16  # points that are asked at a time, which bounds the memory
+CHUNK = 1 << 16  # number of points that are sampled at a time, which limits the memory
 
 T = TypeVar("T")
 _SAMPLE = [
     ("weight", "<f4"),
     ("sum", "<f4"),
-    ("likeness", "<f4"),
+    ("correlation", "<f4"),
     *((name, "<i4") for name in ("covered", "outside", "seen", "near", "judging", "behind")),
 ]
 _VIEW = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
@@ -48,12 +48,12 @@ _VIEW = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
 
 
 class TsdfField:
-    """Signed distance of a surface, fused from the depth maps of all views.
+    """Truncated signed distance of a surface, fused from the depth maps of all views.
 
     Args:
-        maps: as :func:`mgf_engine.mesh.depth_maps.make_depth_maps` makes them.
-        options: of the fusion, and whether and where the visual hull is free, whatever the depths say.
-        spill: what keeps the pixels of the maps, where anything does.
+        maps: from :func:`mgf_engine.mesh.depth_maps.make_depth_maps`.
+        options: of the fusion and of the visual hull, outside of which all is free.
+        spill: stores the pixels of the maps on disk; None if they are in memory.
     """
 
     def __init__(self, maps: list[DepthMap], options: TsdfOptions = TsdfOptions(), spill: Spill | None = None) -> None:
@@ -61,16 +61,15 @@ class TsdfField:
         self.offset, self.band = 0.0, options.band
 
     def classify(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.uint8]:
-        """Classify points [N, 3] as FREE, SOLID or INVALID, uint8 [N]."""
-
+        """Classify points [N, 3] as FREE, SOLID or INVALID (no view sees them), uint8 [N]."""
         signed = self.signed(points, progress)
         return np.where(np.isnan(signed), INVALID, np.where(signed > 0, FREE, SOLID)).astype(np.uint8)
 
     def signed(self, points: NDArray[np.float64], progress: Progress = lambda share: None) -> NDArray[np.float32]:
-        """Compute how far points [N, 3] lie in front of the surface, [N], as :func:`isosurface.find_level` wants it.
+        """Compute the signed distance of points [N, 3] for :func:`mgf_engine.mesh.isosurface.find_level`, float32 [N].
 
-        In half bands between -1 and 1; plus or minus infinity where masks or the votes of views decide, NaN where no
-        view knows.
+        Positive in front of the surface, in half bands between -1 and 1; plus or minus infinity where the visual hull
+        or the votes of views decide; NaN where no view sees the point.
         """
 
         def verdict(sample: NDArray[np.void]) -> NDArray[np.float32]:
@@ -85,10 +84,10 @@ class TsdfField:
         return _joined(self._ask(points, verdict, progress), np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
-        """Put the level where triangulated points of the surface [N, 3] lie (median); returns it, in pixels.
+        """Set the level to the median distance of triangulated surface points [N, 3]; return it, in pixels.
 
-        Gaussians are trained to look right, and light stops on their near side: their centres, and so the rendered
-        depths, tend to lie a fraction of a pixel behind the surface.
+        Rendered depths tend to lie a fraction of a pixel behind the surface, since the near side of a Gaussian hides
+        its centre.
         """
 
         def near_level(sample: NDArray[np.void]) -> NDArray[np.float32]:
@@ -101,24 +100,27 @@ class TsdfField:
         return self.offset * self.band
 
     def distance(self, points: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Compute signed distances of points [N, 3] in half bands, -1..1, [N], + in front; NaN where no view knows."""
+        """Compute the signed distance of points [N, 3], -1..1 in half bands, positive in front, float32 [N].
+
+        NaN where no view sees the point. Unlike :meth:`signed`, without visual hull and votes.
+        """
 
         def off(sample: NDArray[np.void]) -> NDArray[np.float32]:
             return np.where(sample["weight"] > 0, _distance(sample) - self.offset, np.nan).astype(np.float32)
 
         return _joined(self._ask(points, off), np.float32)
 
-    def known(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-        """Sample what the views show near points [N, 3] of a surface.
+    def observations(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+        """Count the views that show a surface at points [N, 3], and rate its confidence.
 
         Returns:
-            ``confirmed``: whether at least one view really shows a surface there, bool [N]. ``views``: how many do,
-            uint8 [N]. ``confidence``: how far to trust it, 0..1, float32 [N]: three photos that show it are worth 0.5,
-            three whose patches look alike there 1; 0 is made up to close a gap.
+            ``confirmed``: whether a view shows a surface there, bool [N]. ``views``: number of such views, uint8 [N].
+            ``confidence``: 0..1, float32 [N]; 0.5 if three photos show it, 1 if their patches also correlate, 0 if
+            none does (the surface only closes a gap).
         """
 
         def trust(sample: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
-            alike = sample["likeness"] / np.maximum(sample["near"], 1)
+            alike = sample["correlation"] / np.maximum(sample["near"], 1)
             enough = np.minimum(sample["near"] / self.options.full_views, 1.0)
             confidence = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
             shown = (sample["weight"] > 0) & (np.abs(_distance(sample) - self.offset) < self.options.confirmed)
@@ -134,8 +136,10 @@ class TsdfField:
         answer: Callable[[NDArray[np.void]], T],
         progress: Progress = lambda share: None,
     ) -> Iterator[T]:
-        """``answer`` to what all views tell of each point (struct TsdfSample in ``native/csrc/mesh/fuse.c``), CHUNK
-        points at a time."""
+        """Integrate all views at points [N, 3], and yield ``answer(samples)`` for each CHUNK of points.
+
+        Samples are struct TsdfSample of ``native/csrc/mesh/fuse.c``.
+        """
         views = np.array([self._view_struct(m) for m in self.maps], _VIEW)
 
         def one(start: int) -> T:
@@ -152,7 +156,7 @@ class TsdfField:
             yield result
 
     def _view_struct(self, m: DepthMap) -> tuple[Any, ...]:
-        """Return a depth map as ``native/csrc/mesh/fuse.c`` takes it (struct TrustedView)."""
+        """Return a depth map as struct TrustedView of ``native/csrc/mesh/fuse.c``."""
         arrays = m.mask.ctypes.data, m.pixels.ctypes.data, m.rows.ctypes.data
         numbers = m.view.height, m.view.width, self.band / m.view.fx, self.options.least_slope
         return (*pose_and_intrinsics(m.view), *arrays, *numbers)
@@ -163,8 +167,7 @@ def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[A
 
 
 def _distance(sample: NDArray[np.void]) -> NDArray[np.float32]:
-    """Return the mean signed distance in half bands, -1..1, positive in front of the surface; 0 where no view has a
-    depth."""
+    """Return the mean signed distance, -1..1 in half bands, positive in front of the surface; 0 without a depth."""
     distance: NDArray[np.float32] = sample["sum"] / np.maximum(sample["weight"], 1e-30)
     return distance
 
@@ -178,27 +181,27 @@ def fuse_gaussians(
     prior: Prior | None = None,
     options: FusionOptions = FusionOptions(),
 ) -> TsdfField:
-    """Fuse the depth maps of a field, as the trusted views see it, into a signed distance (normalised frame).
+    """Render the depth maps of a field, match and smooth them, and fuse them into a signed distance.
 
     Args:
-        gaussians: the field.
-        views: the trusted cameras.
-        masks: per view uint8 [H, W], as :func:`mgf_engine.mesh.hull.judging_mask` makes them.
-        photos: where given, the depths are first moved to where the photos look most alike.
+        gaussians: the field, normalised frame.
+        views: cameras of the trusted photos.
+        masks: for each view uint8 [H, W] from :func:`mgf_engine.mesh.hull.silhouette_mask`.
+        photos: photos and neighbours for patch matching; None for no matching.
         progress: called with the share that is done.
-        prior: a surface known before the field, used with ``photos`` only.
+        prior: the starting surface, used with ``photos`` only.
         options: of the matching, the smoothing and the fusion.
     """
 
     def show(number: int) -> Surface:
         return render_surface(gaussians, views[number], photos.grey(number) if photos else None, options.tsdf)
 
-    def known(number: int) -> KnownSurface:
+    def known(number: int) -> RenderedPrior:
         assert prior is not None and photos is not None
         return prior.seen_from(views[number], photos.grey(number))
 
     spill = Spill()
     shown = ViewSurfaces(show, gaussians.positions.device, known if prior is not None and photos is not None else None)
     maps = make_depth_maps(shown, masks, photos.neighbours if photos else (), options, progress, spill)
-    release_buffers()  # of the rendering, beside which nothing else is drawn
+    release_buffers()  # nothing is rendered from here on
     return TsdfField(maps, options.tsdf, spill)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Space behind bars and railings that no photo shows: to the level set it is as solid as the inside of a wall.
+"""Remove false volumes that no photo shows, such as the space behind bars and railings.
 
-Its surface is made up. What tells it from a wall that few photos see is how thick it is: behind a wall lies a building.
+To the level set, unseen space is as solid as the inside of a wall. Such a volume differs from a wall that few photos
+show by its thickness: behind its surface is free space, behind a wall is the building.
 """
 
 from __future__ import annotations
@@ -43,14 +44,14 @@ def drop_unobserved(
     free: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
     options: UnobservedVolumeOptions = UnobservedVolumeOptions(),
 ) -> Mesh:
-    """Remove the patches that are not confirmed and have free space close behind them.
+    """Remove unconfirmed patches with free space close behind them.
 
     Args:
         mesh: normalised frame.
-        confirmed: [N], vertices that photos show.
-        pixel: size of a pixel at each vertex, [N].
-        free: whether points [N, 3] lie in free space, [N].
-        options: how thick such a volume may be, and where behind its faces free space is looked for.
+        confirmed: vertices that photos show, bool [N].
+        pixel: size of a ground pixel at each vertex, [N].
+        free: points [N, 3] -> whether they lie in free space, bool [N].
+        options: maximum thickness of such a volume, and the probed depths behind its faces.
     """
     made_up, patch, area = unconfirmed_patches(mesh, confirmed)
     if not len(made_up):

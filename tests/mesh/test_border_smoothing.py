@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from mgf_engine.geometry.clean import face_areas, open_edges
-from mgf_engine.mesh.border_smoothing import MeshBorderOptions, confirmed_to_the_border, remove_faces, trim_border
+from mgf_engine.mesh.border_smoothing import MeshBorderOptions, find_supported_faces, remove_faces, trim_border
 from mgf_engine.model.mesh import Mesh
 
 SIDE = 60
@@ -60,7 +60,7 @@ def test_an_unconfirmed_fringe_goes_and_an_unconfirmed_hole_stays_closed() -> No
     x, y = mesh.vertices[:, :2].T
     hole = np.hypot(x - 20, y - 30) < 6
     views = np.where((x > 45) | hole, 0, 2)
-    kept = confirmed_to_the_border(mesh, views, np.full(len(x), 60.0))
+    kept = find_supported_faces(mesh, views, np.full(len(x), 60.0))
     at = centres(mesh)
     assert kept[at[:, 0] < 44].all() and not kept[at[:, 0] > 46].any()
 
@@ -71,9 +71,9 @@ def test_a_small_open_hole_is_no_border() -> None:
     away = np.hypot(*(centres(mesh)[:, :2] - 30).T)
     pierced = Mesh(mesh.vertices, mesh.faces[away > 3], mesh.colors)
     views = np.where(np.hypot(*(mesh.vertices[:, :2] - 30).T) < 8, 0, 2)
-    kept = confirmed_to_the_border(pierced, views, np.full(len(mesh.vertices), 60.0))
+    kept = find_supported_faces(pierced, views, np.full(len(mesh.vertices), 60.0))
     assert kept.all()
-    assert not confirmed_to_the_border(pierced, views, np.full(len(mesh.vertices), 6.0)).all()
+    assert not find_supported_faces(pierced, views, np.full(len(mesh.vertices), 6.0)).all()
 
 
 def test_nothing_changes_where_all_stays() -> None:

@@ -56,11 +56,11 @@ def test_the_weight_of_a_pixel_is_the_squared_cosine_over_the_squared_depth() ->
     normal[..., 2] = -1
     wall = Surface(view, np.zeros(shape, np.uint8), np.full(shape, 4.0, np.float32), normal, np.zeros(shape, bool))
     found = depth_map(wall, np.full(shape, INSIDE, np.uint8), without_match(wall))
-    depth, slope, weight, likeness = found.pixels.reshape(*shape, 4)[5:-5, 5:-5].transpose(2, 0, 1)
+    depth, slope, weight, correlation = found.pixels.reshape(*shape, 4)[5:-5, 5:-5].transpose(2, 0, 1)
     x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
     u, v = (x - view.cx) / view.fx, (y - view.cy) / view.fy
     cosine = (1 / np.sqrt(1 + u**2 + v**2))[5:-5, 5:-5]
-    assert (depth == 4).all() and (slope == 1).all() and (likeness == 0).all()
+    assert (depth == 4).all() and (slope == 1).all() and (correlation == 0).all()
     np.testing.assert_allclose(weight, TsdfOptions.unmatched * cosine**2 / 16, rtol=1e-5)
 
 

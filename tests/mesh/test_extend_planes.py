@@ -87,7 +87,7 @@ def test_a_filled_dent_is_marked_and_the_membrane_leaves_it():
     assert result.values[ON_PLANE][np.hypot(*(result.vertices[:, :2] - 75).T) < 6].all()
 
     class Unknown:
-        def known(self, vertices):
+        def observations(self, vertices):
             return {"confidence": np.zeros(len(vertices), np.float32), "confirmed": np.zeros(len(vertices))}
 
     finished = finish_mesh(result, Unknown(), ExtractionOptions())

@@ -322,10 +322,10 @@ def test_asking_in_chunks_changes_nothing(surface, monkeypatch):
     field = surface_field(sphere(200), find_trusted_views(scene, masks, options), options, reporter())
     points = np.random.default_rng(0).normal(size=(1000, 3))
     shares: list[float] = []
-    whole = field.classify(points), field.known(points)
+    whole = field.classify(points), field.observations(points)
     monkeypatch.setattr(tsdf, "CHUNK", 128)
     monkeypatch.setattr(opacity, "CHUNK", 128)
-    parts = field.classify(points, shares.append), field.known(points)
+    parts = field.classify(points, shares.append), field.observations(points)
     assert len(np.unique(whole[0])) > 1 and np.array_equal(whole[0], parts[0])
     assert whole[1].keys() == parts[1].keys() and all(np.array_equal(whole[1][k], parts[1][k]) for k in whole[1])
     assert shares == sorted(shares) and shares[0] >= 0 and 0.9 < shares[-1] <= 1
@@ -353,10 +353,10 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
     scene, masks = scene_of(views, ball())
     grey = np.zeros((views[0].height, views[0].width), np.uint8)
     photos = tsdf.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 23)] for n in range(24)])
-    from mgf_engine.mesh.hull import judging_masks
+    from mgf_engine.mesh.hull import silhouette_masks
 
     library.set_threads(2)
-    field = tsdf.fuse_gaussians(sphere(100), views, judging_masks(scene, masks, range(24), 1), photos)
+    field = tsdf.fuse_gaussians(sphere(100), views, silhouette_masks(scene, masks, range(24), 1), photos)
     library.set_threads(0)
     assert len(field.maps) == len(alive) == 24 and most <= 4 + 2 * (2 + 1)  # those made ahead twice over
 
@@ -365,9 +365,9 @@ def test_depth_maps_in_a_file_give_the_same_surface(tmp_path) -> None:
     views = ring(12)
     scene, masks = scene_of(views, ball())
     from mgf_engine.mesh import tsdf
-    from mgf_engine.mesh.hull import judging_masks
+    from mgf_engine.mesh.hull import silhouette_masks
 
-    judged = judging_masks(scene, masks, range(12), 1)
+    judged = silhouette_masks(scene, masks, range(12), 1)
     points = np.random.default_rng(0).uniform(-1, 1, (200_000, 3))
     try:
         memory.allow(1e12, tmp_path)

@@ -21,7 +21,7 @@ class Shown:
     def classify(self, points: np.ndarray) -> np.ndarray:
         return np.full(len(points), SOLID, np.uint8)
 
-    def known(self, points: np.ndarray) -> dict[str, np.ndarray]:
+    def observations(self, points: np.ndarray) -> dict[str, np.ndarray]:
         beside = (np.linalg.norm(points, axis=1) > 1.1) & (points[:, 2] < 1)
         return {
             "confirmed": np.ones(len(points), bool),

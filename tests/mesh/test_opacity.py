@@ -8,7 +8,7 @@ import pytest
 from support.analytic import ball, camera, ring, scene_of, sphere
 
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
-from mgf_engine.mesh.hull import HullOptions, judging_mask, judging_masks, outside_hull
+from mgf_engine.mesh.hull import HullOptions, outside_hull, silhouette_mask, silhouette_masks
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.opacity import OpacityField, OpacityOptions, spread_order
 from mgf_engine.mesh.tsdf import fuse_gaussians
@@ -24,7 +24,7 @@ UNCARVED = HullOptions(carve=False)
 def setting():
     views = ring(12)
     scene, masks = scene_of(views, ball(1.1))
-    return sphere(800), views, judging_masks(scene, masks, range(len(views)), 1)
+    return sphere(800), views, silhouette_masks(scene, masks, range(len(views)), 1)
 
 
 def make(kind, setting, agree=1):
@@ -154,10 +154,10 @@ def test_judging_mask():
     labels = np.zeros((20, 30), np.uint8)
     labels[5:15, 5:15] = 7
     labels[:, 25:] = IGNORE
-    mask = judging_mask(labels, 2)
+    mask = silhouette_mask(labels, 2)
     assert mask[10, 10] == INSIDE and mask[10, 16] == INSIDE and mask[10, 18] == OUTSIDE
     assert mask[10, 27] == UNKNOWN_PIXEL and mask[10, 24] == INSIDE  # next to the unknown nothing is certain
-    assert judging_mask(labels, 0)[10, 15] == OUTSIDE
+    assert silhouette_mask(labels, 0)[10, 15] == OUTSIDE
 
 
 def test_hull_rule():

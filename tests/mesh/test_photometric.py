@@ -120,7 +120,7 @@ def test_a_wrong_depth_is_moved_onto_the_surface(error: float) -> None:
     others = [replace(o, depth=o.depth * np.float32(1 + error)) for o in OTHERS]
     matched = match_surface(start, others)
     pixels = inner(np.abs(matched.depth / FIRST.depth - 1)) * 80.0 * 0.9 / DISTANCE  # of parallax
-    assert inner(matched.likeness > 0.9).mean() > 0.95
+    assert inner(matched.correlation > 0.9).mean() > 0.95
     assert np.median(pixels) < 0.02 and np.percentile(pixels, 90) < 0.06
 
 
@@ -128,13 +128,13 @@ def test_without_texture_the_depth_stays() -> None:
     others = [surface(o.view, plain=True) for o in OTHERS]
     start = surface(FIRST.view, plain=True)
     matched = match_surface(start, others)
-    assert (matched.likeness == 0).all()
+    assert (matched.correlation == 0).all()
     assert np.array_equal(matched.depth, start.depth)
 
 
 def test_a_neighbour_that_sees_something_else_has_no_say() -> None:
     blocked = [replace(o, depth=0.8 * o.depth) for o in OTHERS]
-    assert (match_surface(FIRST, blocked).likeness == 0).all()
+    assert (match_surface(FIRST, blocked).correlation == 0).all()
 
 
 def test_unseen_pixels_stay_unseen_and_no_neighbour_changes_nothing() -> None:
@@ -142,4 +142,4 @@ def test_unseen_pixels_stay_unseen_and_no_neighbour_changes_nothing() -> None:
     matched = match_surface(holes, OTHERS)
     assert (matched.depth[holes.depth == 0] == 0).all() and np.isfinite(matched.depth).all()
     alone = match_surface(FIRST, [])
-    assert np.array_equal(alone.depth, FIRST.depth) and not alone.likeness.any()
+    assert np.array_equal(alone.depth, FIRST.depth) and not alone.correlation.any()

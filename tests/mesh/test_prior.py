@@ -12,7 +12,7 @@ from support.sideways import view_beside
 from mgf_engine.mesh.depth_maps import depth_map
 from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
-from mgf_engine.mesh.prior import KnownSurface, Prior, PriorOptions, choose_depths, combine_surfaces
+from mgf_engine.mesh.prior import Prior, PriorOptions, RenderedPrior, choose_depths, combine_surfaces
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.raster.points import INSIDE
@@ -36,15 +36,15 @@ def likes(depth: float):
     """A matching by which photos confirm surfaces at one depth only."""
 
     def match(first: Surface, others: object, search: object) -> Matched:
-        likeness = np.where(np.abs(first.depth - depth) < 0.01, 0.9, 0).astype(np.float32)
-        return Matched(first.depth, likeness, likeness, NOTHING + np.float32(1 / view(0.0).fx))
+        correlation = np.where(np.abs(first.depth - depth) < 0.01, 0.9, 0).astype(np.float32)
+        return Matched(first.depth, correlation, correlation, NOTHING + np.float32(1 / view(0.0).fx))
 
     return match
 
 
 def decide(field: float, prior: float, sure: float, confirmed: float) -> tuple[Surface, Matched]:
     match = likes(confirmed)
-    known = KnownSurface(surface(prior), NOTHING + np.float32(sure))
+    known = RenderedPrior(surface(prior), NOTHING + np.float32(sure))
     both = combine_surfaces(surface(field), known)
     return choose_depths(both, known, match(both, [], MatchOptions()), [], MatchOptions(), match)
 
@@ -64,7 +64,7 @@ def test_the_prior_fills_what_the_field_does_not_show() -> None:
 def test_a_sure_plane_stands_for_a_field_that_lies_almost_on_it() -> None:
     near = AT * (1 + 1.0 / view(0.0).fx)
     for sure, taken in ((1.0, AT), (0.0, near)):
-        both = combine_surfaces(surface(near), KnownSurface(surface(AT), NOTHING + np.float32(sure)))
+        both = combine_surfaces(surface(near), RenderedPrior(surface(AT), NOTHING + np.float32(sure)))
         np.testing.assert_allclose(both.depth, taken, rtol=1e-6)
 
 
@@ -93,7 +93,7 @@ def test_a_view_shows_the_prior_from_the_front_only() -> None:
 
 
 def test_matching_without_neighbours_leaves_the_prior_alone() -> None:
-    assert match_surface(surface(AT), [], MatchOptions()).likeness.max() == 0
+    assert match_surface(surface(AT), [], MatchOptions()).correlation.max() == 0
 
 
 def test_where_nothing_is_confirmed_the_nearer_surface_is_taken() -> None:

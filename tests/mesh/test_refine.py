@@ -19,7 +19,7 @@ from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.fusion_options import FusionOptions
-from mgf_engine.mesh.hull import judging_masks
+from mgf_engine.mesh.hull import silhouette_masks
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 
@@ -46,23 +46,23 @@ def setting():
     views = [camera((4.0, 1.2 * (k - 2), 0.6 * (-1) ** k), name=f"{k}.png") for k in range(5)]
     truth = ball(subdivisions=FINE)
     scene, masks = scene_of(views, truth)
-    verdicts = judging_masks(scene, masks, range(5), 1)
+    silhouettes = silhouette_masks(scene, masks, range(5), 1)
     pixel = ground_pixels(truth, views)
     x, y, z = truth.vertices.T
     dents = 0.5 * np.sin(8 * y) * np.sin(8 * z + 2 * x) * pixel
-    return views, verdicts, truth, replace(truth, vertices=truth.vertices * (1 + dents)[:, None]), pixel
+    return views, silhouettes, truth, replace(truth, vertices=truth.vertices * (1 + dents)[:, None]), pixel
 
 
-def trusted(views, verdicts, greys, near) -> TrustedViews:
-    return TrustedViews(list(range(len(views))), views, verdicts, [], Photos(lambda k: greys[k], near))
+def trusted(views, silhouettes, greys, near) -> TrustedViews:
+    return TrustedViews(list(range(len(views))), views, silhouettes, [], Photos(lambda k: greys[k], near))
 
 
 def refined(setting, plain: bool, rounds: int = 1):
-    views, verdicts, _, dented, _ = setting
+    views, silhouettes, _, dented, _ = setting
     greys = [painted(view, plain) for view in views]
     near = [[k for k in (n - 1, n + 1) if 0 <= k < len(views)] for n in range(len(views))]
     shares: list[float] = []
-    mesh = refine(dented, trusted(views, verdicts, greys, near), rounds, shares.append, UNSMOOTHED)
+    mesh = refine(dented, trusted(views, silhouettes, greys, near), rounds, shares.append, UNSMOOTHED)
     assert shares == sorted(shares) and (not rounds or 0.5 < shares[-1] <= 1)
     return mesh
 
@@ -102,12 +102,12 @@ def test_without_texture_nothing_moves(setting):
 
 def test_a_thin_bar_does_not_shrink(setting):
     """A bar of two pixels and a half, before photos that show nothing on it: smoothing would take part of it."""
-    views, verdicts, _, _, _ = setting
+    views, silhouettes, _, _, _ = setting
     bar = ball(subdivisions=2)
     width = 1.25 * ground_pixels(bar, views).mean()
     thin = replace(bar, vertices=bar.vertices * (width, width, 1.0))
     greys = [painted(view, plain=True) for view in views]
-    refined_bar = refine(thin, trusted(views, verdicts, greys, [[] for _ in views]), 1, fusion=UNSMOOTHED)
+    refined_bar = refine(thin, trusted(views, silhouettes, greys, [[] for _ in views]), 1, fusion=UNSMOOTHED)
     before, after, smoothed = (as_trimesh(mesh).volume for mesh in (thin, refined_bar, smooth(thin, 2)))
     assert smoothed < 0.93 * before and after > 0.98 * before
 

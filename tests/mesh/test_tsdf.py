@@ -100,7 +100,7 @@ def test_maps_cut_to_their_masks_answer_as_whole_ones(monkeypatch: pytest.Monkey
     assert sum(m.pixels.nbytes for m in cut.maps) < 0.8 * sum(m.pixels.nbytes for m in whole.maps)
     np.testing.assert_array_equal(cut.distance(points), whole.distance(points))
     np.testing.assert_array_equal(cut.classify(points), whole.classify(points))
-    for a, b in zip(cut.known(points).values(), whole.known(points).values(), strict=True):
+    for a, b in zip(cut.observations(points).values(), whole.observations(points).values(), strict=True):
         np.testing.assert_array_equal(a, b)
     assert np.isfinite(cut.distance(points)).sum() > 500
 
