@@ -10,6 +10,7 @@ does it, against their noisy coordinates.
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -165,7 +166,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=count, default=3, help="draws of the noise (default 3)")
     parser.add_argument("--resolution", type=count, default=1000, help="longest side of the working photos")
     args = parser.parse_args(argv)
-    noise, targets = Noise(), targets_of(args.scene.resolve())
+    noise = Noise()
+    try:
+        targets = targets_of(args.scene.resolve())
+    except BadInput as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 2
     seen = np.mean([len(t.pixels) for t in targets])
     print(f"{len(targets)} points, each marked in {seen:.0f} photos on average; mm")
     print("| method | east | north | height | in space | in space, against the file |\n|---|---|---|---|---|---|")

@@ -214,7 +214,7 @@ def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews
             from the Gaussians alone.
         options: of the border, and which holes are small.
     """
-    if trusted.photos is None:
+    if trusted.photos is None or options.borders.photos == 0:
         return mesh
     known = field.observations(mesh.vertices)
     if "views" not in known:

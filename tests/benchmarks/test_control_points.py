@@ -43,10 +43,12 @@ def test_the_table_has_a_row_for_each_method_and_control_points_beat_gps(scene: 
     assert rows["GPS"][3] > 100 and rows["laid onto control points"][3] < 40 and rows["cameras adjusted"][3] < 40
 
 
-def test_a_scene_without_enough_corners_is_refused(scene: Path, tmp_path: Path) -> None:
+def test_a_scene_without_enough_corners_is_refused(scene: Path, tmp_path: Path, capsys) -> None:
     poor = Path(shutil.copytree(scene, tmp_path / "poor"))
     corners = np.add(OFFSET, [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
     wall = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 3), np.uint8))
     write_ply(wall, poor / "truth.ply")
     with pytest.raises(BadInput, match="are seen in 5 photos; take another scene"):
         targets_of(poor)
+    assert main([str(poor)]) == 2
+    assert capsys.readouterr().err.startswith("Error: Only 4 corners")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Short forms of ``python -m benchmarks.stability_faults``; kills are in tests/test_pipeline.py."""
+"""Short forms of ``python -m benchmarks.stability_faults``; kills are in tests/pipeline/test_resume.py."""
 
 from __future__ import annotations
 

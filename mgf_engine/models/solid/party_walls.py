@@ -105,9 +105,9 @@ def _in_direction(rim: _Rim, normal: Array, options: PartyWallOptions) -> Iterat
 
 
 def _outermost(away: Array, least: float, reach: float) -> float | None:
-    """Return the place furthest out at which at least so many of the points gather; None where they do not."""
-    bins = np.arange(away.max(), away.min() - reach, -0.25 * reach)
-    count = np.array([(np.abs(away - x) < 0.5 * reach).sum() for x in bins])
+    """Return the outermost position with at least ``least`` points within half a ``reach``; None if there is none."""
+    bins, ordered = np.arange(away.max(), away.min() - reach, -0.25 * reach), np.sort(away)
+    count = np.searchsorted(ordered, bins + 0.5 * reach, "left") - np.searchsorted(ordered, bins - 0.5 * reach, "right")
     first = np.flatnonzero(count >= least)
     if not len(first):
         return None

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A whole job finds the house and only the house, and its folder holds all results."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import igl
+import numpy as np
+import pytest
+import trimesh
+from support.house_jobs import copy_until, f1, reconstruct
+from support.jobs import finish, start
+
+from benchmarks.synthetic.house import OFFSET, House, ring_view
+
+
+def test_the_mesh_is_the_house(house: House, finished) -> None:
+    job, _ = finished
+    assert f1(job / "mesh.ply", house, 0.1) > 0.9
+
+
+def _write_survey(folder: Path, house: House) -> np.ndarray:
+    """Control and check points on the house's corners, and their marks; returns the true similarity [4, 4]."""
+    origin, angle = np.array([691_234.0, 5_334_876.0, 519.0]), np.radians(30.0)
+    true = np.eye(4)
+    true[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    true[:3, :3] *= 2.5
+    true[:3, 3] = origin - true[:3, :3] @ OFFSET
+    points, marks = ["name,east,north,height,accuracy,role"], ["name,photo,x,y"]
+    for name, corner in zip(("P1", "P2", "P3", "P4", "P5", "C1", "C2"), (0, 1, 2, 7, 8, 9, 4), strict=True):
+        at = house.mesh.vertices[corner]
+        east, north, height = true[:3, :3] @ at + true[:3, 3]
+        role = "check" if name[0] == "C" else "control"
+        points.append(f"{name},{east:.5f},{north:.5f},{height:.5f},0.01,{role}")
+        for view in (ring_view(k, 14) for k in range(0, 14, 2)):
+            x, y = view.project(at[None])[0][0]
+            marks.append(f"{name},{view.name},{x:.3f},{y:.3f}")
+    (folder / "points.csv").write_text("\n".join(points))
+    (folder / "marks.csv").write_text("\n".join(marks))
+    return true
+
+
+def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tmp_path: Path) -> None:
+    job, true = Path(shutil.copytree(finished[0], tmp_path / "job")), _write_survey(tmp_path, house)
+    before = (job / "mesh.ply").read_bytes()
+    given = ("--crs", "EPSG:25832", "--control", tmp_path / "points.csv", "--marks", tmp_path / "marks.csv")
+    run = start("georef", job, *given)
+    messages = finish(run)
+    assert run.returncode == 0 and messages[-1]["type"] == "result"
+    assert messages[-1]["figures"]["RMSE of check points"] in {f"{k / 10:.1f} mm" for k in range(6)}
+    found = json.loads((job / "georef.json").read_text())
+    assert found["crs"] == "EPSG:25832" and found["method"] == "control"
+    local = trimesh.load(job / "georeferenced" / "mesh.ply", process=False).vertices
+    world = trimesh.load(job / "mesh.ply", process=False).vertices @ true[:3, :3].T + true[:3, 3]
+    assert np.abs(local + found["offset"] - world).max() < 2e-3
+    assert (job / "mesh.ply").read_bytes() == before and "EPSG:25832" in (job / "report.html").read_text()
+    rows = json.loads((job / "report.json").read_text())["georeference"]["points"]
+    assert len(rows) == 7 and all(np.abs(row["residual"]).max() < 1e-3 for row in rows)
+    text = (tmp_path / "points.csv").read_text().splitlines()
+    swapped = [",".join([name, north, east, *rest]) for name, east, north, *rest in (row.split(",") for row in text)]
+    swapped[0] = text[0]
+    (tmp_path / "points.csv").write_text("\n".join(swapped))
+    kept = {p: p.read_bytes() for p in (job / "georef.json", job / "job.json", job / "report.json")}
+    run = start("georef", job, *given)
+    failed = finish(run)[-1]
+    assert run.returncode == 2 and failed["type"] == "failed" and "seem swapped" in failed["text"]
+    assert {p: p.read_bytes() for p in kept} == kept
+    (tmp_path / "points.csv").write_text("\n".join(text))
+    record = json.loads((job / "job.json").read_text())
+    record["stages"]["scene"]["key"] = "that of a scene whose cameras other points moved"
+    (job / "job.json").write_text(json.dumps(record))
+    run = start("georef", job, *given)
+    assert finish(run)[-1]["type"] == "result" and run.returncode == 0
+    kept = json.loads((job / "job.json").read_text())["stages"]["deliver"]["key"]
+    assert kept == record["stages"]["deliver"]["key"]  # the next run makes all of it anew
+
+
+def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path) -> None:
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--preset", "quick")
+    messages = finish(run)
+    assert run.returncode == 0, messages[-1]
+    assert f1(tmp_path / "job" / "mesh.ply", house, 0.1) > 0.85
+    made = json.loads((tmp_path / "job" / "deliver.json").read_text())
+    assert not any(view["render"] for view in made["views"])
+    assert (tmp_path / "job" / "texture.jpg").exists()
+
+
+def test_the_paper_s_method_gives_a_mesh_and_a_report(house: House, tmp_path: Path) -> None:
+    """All of section 3 in one run, only shorter: both losses, second-level masks, opacity, eight bisections."""
+    job = tmp_path / "job"
+    small = ["--preset", "paper", "--iterations", "150", "--max-gaussians", "5000"]
+    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", job, *small)
+    messages = finish(run)
+    assert run.returncode == 0, messages[-1]
+    assert f1(job / "mesh.ply", house, 0.25) > 0.5  # sparse points and 150 iterations go no further
+    config = json.loads((job / "report.json").read_text())["config"]
+    assert (config["preset"], config["surface"], config["multilevel_loss"]) == ("paper", "opacity", True)
+    labels = cv2.imread(str(next((job / "masks" / "labels").glob("*.png"))), cv2.IMREAD_UNCHANGED)
+    assert ((labels > 1) & (labels < 255)).any()
+
+
+def test_the_masks_are_the_house(house: House, finished) -> None:
+    job, _ = finished
+    for file in sorted((job / "masks" / "labels").glob("*.png")):
+        labels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        true = next(m for name, m in house.masks.items() if Path(name).stem in file.stem)
+        found = (labels > 0) & (labels < 255)
+        assert (found & true).sum() / (found | true).sum() > 0.85, file.name
+
+
+def test_everything_promised_is_in_the_job_folder(finished) -> None:
+    job, messages = finished
+    results = ("mesh.ply", "field.ply", "report.html", "report.json", "deliver.json", "masks/contact_sheet.jpg")
+    for name in (*results, "texture.jpg", "mesh_texture.npz"):
+        assert (job / name).stat().st_size > 0, name
+    report = json.loads((job / "report.json").read_text())
+    assert report["held_out"]["psnr"] > 17
+    assert [s["name"] for s in report["stages"]] == ["scene", "masks", "field", "mesh"]
+    manifest = json.loads((job / "deliver.json").read_text())
+    held_out = [v for v in manifest["views"] if v["held_out"]]
+    assert held_out
+    for view in held_out:
+        render = cv2.imread(str(job / view["render"]), cv2.IMREAD_UNCHANGED)
+        assert render.shape == (view["height"], view["width"], 4)
+    assert (manifest["texture"], manifest["texture_uv"]) == ("runs/1/texture.jpg", "runs/1/mesh_texture.npz")
+    for name in ("mesh.ply", "field.ply", "report.html", "texture.jpg"):
+        assert (job / "runs/1" / name).read_bytes() == (job / name).read_bytes()
+    assert report["counts"]["PSNR of the textured mesh, held-out photos (dB)"] > 15
+    assert report["machine"]["segmenter of the masks"].startswith("random walker")
+    assert messages[0]["type"] == "started"
+    (said,) = (m["text"] for m in messages if m["type"] == "segmenter")
+    assert "random walker" in said and "mgf weights" in said and "\n" not in said
+    assert messages[-1]["type"] == "result"
+    assert not list(job.rglob(".part-*"))
+
+
+@pytest.mark.parametrize("format", ["obj", "glb"])
+def test_other_formats_hold_the_same_mesh(finished, tmp_path: Path, format: str) -> None:
+    job = tmp_path / "job"
+    shutil.copytree(finished[0], job)
+    messages = finish(start("reconstruct", "--out", job, "--resume", f"--export-{format}"))
+    assert messages[-1]["type"] == "result"
+    other, mesh = trimesh.load(job / f"mesh.{format}", force="mesh"), trimesh.load(job / "mesh.ply")
+    assert len(other.faces) == len(mesh.faces)
+    np.testing.assert_allclose(other.bounds, mesh.bounds, atol=1e-3)
+
+
+def test_masks_of_the_user_are_taken_as_they_are(house: House, tmp_path: Path) -> None:
+    folder = tmp_path / "masks"
+    folder.mkdir()
+    for name, mask in house.masks.items():
+        cv2.imwrite(str(folder / name), (mask * 255).astype(np.uint8))
+    run = start("masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
+    assert finish(run)[-1]["type"] == "result"
+    labels = cv2.imread(str(next((tmp_path / "job/masks/labels").glob("*photo_03*"))), cv2.IMREAD_UNCHANGED)
+    assert ((labels > 0) == house.masks["photo_03.png"]).mean() > 0.995
+
+
+def test_a_crop_box_limits_the_mesh_and_keeps_the_field(house: House, finished, tmp_path: Path) -> None:
+    job = tmp_path / "job"
+    copy_until(finished[0], job, "deliver")
+    low, high = house.mesh.vertices.min(0) - 0.2, house.mesh.vertices.max(0) + 0.2
+    high[0] = house.mesh.vertices[:, 0].mean()  # half the house
+    (tmp_path / "box.txt").write_text(" ".join(map(str, [*low, *high])))
+    messages = reconstruct(house, job, "--resume", "--crop-box", tmp_path / "box.txt")
+    cached = {m["stage"]: m["cached"] for m in messages if m["type"] == "stage"}
+    assert cached == {"scene": True, "masks": True, "field": True, "mesh": False, "deliver": False}
+    mesh = trimesh.load(job / "mesh.ply")
+    assert high[0] - 0.05 < mesh.vertices[:, 0].max() < high[0] + 1e-4
+    assert (mesh.vertices > low - 1e-4).all()
+    points = trimesh.sample.sample_surface(mesh, 2000, seed=1)[0]
+    apart = np.sqrt(igl.point_mesh_squared_distance(points, house.mesh.vertices, house.mesh.faces.astype(np.int64))[0])
+    assert (apart < 0.1).mean() > 0.9  # no lid on the cut, nothing of the other half
