@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boundaries of label maps, M_bd of eq. 12; :mod:`mgf_engine.field.targets` weighs their pixels.
+"""Boundaries of label maps, M_bd of eq. 12; :mod:`mgf_engine.field.targets` weights their pixels.
 
-A pixel lies on a boundary when one of its four neighbours has another label. (The paper's convolution with an
-edge kernel can cancel on label values: 1, 2, 3 in a row gives zero.) The frame of the photo is no boundary, the
-outline of the building is.
+A pixel lies on a boundary if one of its four neighbours has another label. (The paper's convolution with an edge
+kernel can cancel: labels 1, 2, 3 in a row give zero.) The outline of the building is a boundary, the frame of the photo
+is not.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Run the masks stage: clicks or masks in, label maps and masked points out."""
+"""Run the masks stage: from clicks or given masks to label maps and the sparse points on the building."""
 
 from __future__ import annotations
 
@@ -56,18 +56,18 @@ def build_masks(
     config: Config,
     reporter: Reporter,
 ) -> MaskSet:
-    """Make the masks of a scene and write them to ``folder``; the photos share the cores, one thread each.
+    """Make the masks of a scene and write them to ``folder``; photos are processed in parallel, one thread each.
 
     Args:
         scene: photos, cameras and sparse points.
         prompts: the user's clicks; needed unless masks are given or switched off.
-        masks_folder: the user's own masks, one PNG per photo; they win over clicks.
+        masks_folder: the user's own masks, one PNG per photo; they take precedence over clicks.
         folder: the job's ``masks`` folder.
         config: of the job.
         reporter: for progress, warnings and the request to cancel.
 
     Raises:
-        BadInput: no clicks, bad clicks or masks, or nothing left of the building.
+        BadInput: no clicks, unusable clicks or masks, or an empty result.
     """
     started, threads = time.perf_counter(), config.threads or cores()
     result, clicks, segmenter = _first_level(scene, prompts, masks_folder, folder, config, reporter)
@@ -102,10 +102,10 @@ def _first_level(
     config: Config,
     reporter: Reporter,
 ) -> tuple[Propagation, Prompts, Segmenter | None]:
-    """Make the masks of the whole building: from the user's masks, or from clicks; all of it with ``use_masks`` off.
+    """Make the masks of the whole building from the user's masks or from clicks; full masks with ``use_masks`` off.
 
     Returns:
-        The masks; the clicks and the segmenter that they were made with, none where there are no clicks.
+        The masks, and the clicks and segmenter that they were made with (None without clicks).
     """
     if not config.use_masks:
         return _all_building(scene), {}, None
@@ -120,11 +120,11 @@ def _first_level(
 
 
 def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] = log.warning) -> Segmenter:
-    """Choose the segmenter: the one asked for; else EfficientSAM where its weights are, or the one that needs none.
+    """Make the segmenter of the option ``segmenter``; auto takes EfficientSAM if its weights are installed.
 
     Args:
         config: of the job: segmenter, weights, device, threads.
-        folder: its ``embeddings`` are kept there.
+        folder: embeddings of photos are cached in its subfolder ``embeddings``.
         warn: called with one sentence when a GPU provider fails and the CPU goes on.
 
     Raises:
@@ -143,7 +143,7 @@ def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] =
 
 
 def _all_building(scene: Scene) -> Propagation:
-    """Make masks in which every pixel and every point is building, for ``use_masks`` off."""
+    """Make full masks, with every pixel and every point on the building, for ``use_masks`` off."""
     labels = tuple(np.full((v.height, v.width), BUILDING, np.uint8) for v in scene.views)
     count = len(scene.views)
     masks = MaskSet(labels, np.ones(count, bool), np.ones(count, np.float32), np.ones(len(scene.points), bool))
@@ -151,7 +151,7 @@ def _all_building(scene: Scene) -> Propagation:
 
 
 def _user_masks(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
-    """Read and check the user's masks; photos without one stay out of training."""
+    """Read and check the user's masks; photos without a mask are not used in training."""
     given = read_supplied(masks_folder, scene)
     labels, reasons = [], []
     for view, mask in zip(scene.views, given, strict=True):
@@ -180,13 +180,13 @@ def _second_level(
     reporter: Reporter,
     options: PartOptions,
 ) -> tuple[MaskSet, list[Part]]:
-    """Add the elements of the building to the label maps, and tie them into parts of the scene.
+    """Segment elements of the building in each photo, add them to the label maps, and match them across photos.
 
     Args:
         scene: photos, cameras and sparse points.
         masks: of the first level.
-        clicks: by view index; those on parts name elements.
-        segmenter: EfficientSAM finds the elements; any other leaves that to colour.
+        clicks: by view index; clicks on parts name elements.
+        segmenter: EfficientSAM segments the elements; with any other they are segmented by colour.
         threads: number of worker threads.
         reporter: for the request to cancel.
         options: of elements and parts.
@@ -207,11 +207,11 @@ def _second_level(
 
 
 def _check(scene: Scene, result: Propagation, config: Config) -> None:
-    """Refuse what no field can start from.
+    """Check that a field can be started from the masks.
 
     Raises:
-        BadInput: no mask is used; or no sparse point lies on the building, and the start needs some or the masks have
-            no place in common.
+        BadInput: no mask is used; or no sparse point lies on the building, and the start needs some or the visual hull
+            of the masks is empty.
     """
     if not result.masks.used.any():
         raise BadInput("No photo got a usable mask; click more points on the building and beside it, in more photos.")
@@ -228,7 +228,7 @@ def _check(scene: Scene, result: Propagation, config: Config) -> None:
 
 
 def _check_clicks(clicks: Prompts, masks: MaskSet, slip: int) -> None:
-    """Refuse masks of something else: training on them for minutes would end in a mesh nobody asked for.
+    """Check that the masks contain the clicks, before minutes of training on something else.
 
     Raises:
         BadInput: most clicks on the building lie outside the masks of their photos.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much of the photos the building fills, guessed from the clicks alone: for estimates, before there are masks."""
+"""Estimate the share of the photos that the building fills from the clicks alone, before there are masks."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ _REACH = 6.0
 
 
 def building_share(clicks: PromptsFile, size: tuple[int, int]) -> float | None:
-    """Return the share of the pixels of the clicked photos that shows the building; None where the clicks do not tell.
+    """Estimate the share of the pixels of the clicked photos that shows the building; None with too few clicks.
 
-    The geometric mean of two guesses, for each is far off where the clicks lie badly. One is the area around the clicks
-    on the building: places nearer to them than to one beside it, and no further away than they spread around their
-    middle. The other is the area of the ellipse of their standard deviations, :data:`_REACH` times as large.
+    It is the geometric mean of two estimates, since each fails for some distributions of clicks. One is the area nearer
+    to a click on the building than to one beside it, within the clicks' spread around their mean. The other is the area
+    of the ellipse of their standard deviations, times :data:`_REACH`.
 
     Args:
-        size: usual long and short side of the photos in pixels.
+        clicks: the prompts file.
+        size: typical long and short side of the photos in pixels.
     """
     try:
         photos = list(json.loads(clicks.content).values())
         pairs = [(_points(p.get("positive", [])), _points(p.get("negative", []))) for p in photos]
     except (ValueError, TypeError, AttributeError, RecursionError):
-        return None  # what is wrong with the file is said when the masks are made
+        return None  # the masks stage reports what is wrong with the file
     pairs = [(on, off) for on, off in pairs if len(on) >= _FEWEST]
     if not pairs:
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The contact sheet: every photo small, its mask outlined, its score and flag beneath."""
+"""Draw the contact sheet: a thumbnail of every photo with the outline, score and flag of its mask."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _tile(photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note:
 
 
 def overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the photo (RGB) with everything outside dimmed and the outline drawn; BGR uint8 [H, W, 3]."""
+    """Draw the outline of a mask on its photo (RGB), and dim the outside; BGR uint8 [H, W, 3]."""
     result = np.ascontiguousarray(photo[..., ::-1])
     inside = building(labels)
     values = np.arange(256, dtype=np.float32)[:, None]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The second level in one photo: elements inside the building (windows, doors, wall fields, roof faces).
+"""Segment the elements of the building in one photo (second level: windows, doors, wall fields, roof faces).
 
-Found automatically, by colour or by EfficientSAM, and overridden where the user clicked on parts.
+They are segmented by colour or by EfficientSAM; clicks on parts take precedence.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def add_elements(
     sam: EfficientSam | None,
     options: PartOptions = PartOptions(),
 ) -> tuple[NDArray[np.uint8], dict[int, str]]:
-    """Return the label map with elements from 2 up, and the user's names of clicked ones.
+    """Return the label map with elements as labels from 2 on, and the user's names of clicked elements.
 
     Args:
         labels: level one [H, W].
         photo: RGB uint8 [H, W, 3].
-        clicks: part name -> clicks; they win over what is found automatically.
-        sam: asked with a grid of points; None finds elements by colour.
+        clicks: name of a part -> clicks; these take precedence over automatic segmentation.
+        sam: prompted with a grid of points; None segments by colour.
         options: of the colour fields, the grid of points, and the least size of an element.
     """
     inside = building(labels)
@@ -76,7 +76,7 @@ def add_elements(
 def colour_fields(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], options: PartOptions = PartOptions()
 ) -> NDArray[np.int32]:
-    """Return fields of even colour inside the building, int32 [H, W], from 0; -1 outside."""
+    """Segment the building into fields of homogeneous colour, int32 [H, W] from 0; -1 outside."""
     count, result = 0, np.full(inside.shape, -1, np.int32)
     around = _around(inside, options)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
@@ -98,7 +98,7 @@ def colour_fields(
 def good_fields(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32], options: PartOptions = PartOptions()
 ) -> list[Element]:
-    """Return fields of a sensible size that stand out from what is around them.
+    """Select the fields within the limits of size that contrast with their surroundings.
 
     Args:
         photo: RGB uint8 [H, W, 3].
@@ -136,7 +136,7 @@ def _around(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, sli
 def sam_elements(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam, options: PartOptions = PartOptions()
 ) -> list[NDArray[np.bool_]]:
-    """Segment by a grid of single points: masks good by the model's own word, stable, of a sensible size, not twice.
+    """Segment by a grid of point prompts, as SAM's automatic mask generator: by predicted quality, stability and size.
 
     Args:
         photo: RGB uint8 [H, W, 3].

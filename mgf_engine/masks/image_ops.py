@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masked Gaussian blur, growing and shrinking by discs, colour distances; blur and discs of any radius cost the same.
+"""Masked Gaussian blur, dilation and erosion with discs, colour distances; their cost does not depend on the radius.
 
-A blur by a share of the photo and a disc of a share of the photo cost the fourth power of its side when they are done
-pixel by pixel. The mean is as smooth as it is wide, so it is taken on a reduced photo; a disc is a distance.
+A wide Gaussian blur is computed on a reduced image, dilation and erosion by a distance transform.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ RIM = 0.3
 
 @dataclass(frozen=True)
 class MaskedMean:
-    """Mean colours around each pixel of a reduced photo, and how much weight they stand on.
+    """Masked Gaussian mean of colours at each pixel of a reduced photo.
 
     Attributes:
-        colour: float32 [h, w, 3]; means little where ``weight`` is nearly 0.
-        weight: float32 [h, w], 0..1, blurred weight.
+        colour: float32 [h, w, 3]; unreliable where ``weight`` is nearly 0.
+        weight: blurred mask, 0..1, float32 [h, w].
     """
 
     colour: NDArray[np.float32]
@@ -75,14 +74,14 @@ def distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray
 
 
 def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
-    """Return pixels within a radius of the mask, [H, W]: dilation with a disc."""
+    """Dilate a mask [H, W] with a disc."""
     if not mask.any():
         return np.zeros_like(mask)
     return np.asarray(_distance(~mask) <= radius + RIM, bool)
 
 
 def shrink(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
-    """Erode with a disc: the pixels of the mask farther than a radius from all others, [H, W]; the frame is no edge."""
+    """Erode a mask [H, W] with a disc; the frame of the photo does not erode it."""
     if mask.all():
         return np.ones_like(mask)
     return np.asarray(_distance(mask) > radius + RIM, bool)
@@ -99,7 +98,7 @@ def disc(radius: int) -> NDArray[np.uint8]:
 
 
 def enclosed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the mask and what it encloses: a white wall between its edges is not away."""
+    """Fill the holes of a mask, such as a white wall between its edges."""
     _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
     outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
     return mask | ~np.isin(labels, outer)

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The second level: elements inside the building (windows, doors, wall fields, roof faces).
-
-Found automatically per photo, overridden where the user clicked on parts, and tied together across photos by the
-sparse points into scene-wide parts with names.
-"""
+"""Match the elements of all photos (second level: windows, doors, ...) into parts of the scene, by sparse points."""
 
 from __future__ import annotations
 
@@ -22,10 +18,10 @@ from mgf_engine.model.scene import Scene
 
 @dataclass
 class Part:
-    """One scene-wide part.
+    """A part of the building, as seen in several photos.
 
     Attributes:
-        name: the user's, or ``element-N``.
+        name: given by the user, or ``element-N``.
         elements: (view, label) of each of its elements.
         points: rows of the scene's sparse points on it.
     """
@@ -38,7 +34,7 @@ class Part:
 def tie_parts(
     scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[int, str]], options: PartOptions = PartOptions()
 ) -> list[Part]:
-    """Tie elements of different photos that show the same sparse points into scene-wide parts.
+    """Join elements of different photos that contain the same sparse points, or have the same name, into parts.
 
     Args:
         scene: its points, and the views that observed each.

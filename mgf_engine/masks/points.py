@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vote of the masks on which 3D points are the building (eq. 3, and eq. 22 for Gaussians).
+"""Vote of the masks on which 3D points belong to the building (eq. 3, and eq. 22 for Gaussians).
 
-Read literally, "inside the mask of every root image" empties the set: no point lies inside the frame of every
-root image. Here a photo votes on a point that lies in front of it, inside its frame and not on an unknown
-pixel. Where a COLMAP track says in which photos a point was seen, only those photos vote, at the observed
-keypoint: no other photo is known to see the point.
+Taken literally, "inside the mask of every root image" selects nothing: no point lies in the frame of every root image.
+Here a photo votes on a point that lies in front of it, in its frame and not on an ignored pixel. On sparse points of
+COLMAP only the photos of the track vote, at the observed keypoint: in other photos the point may be occluded.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ def vote(
     tracks: NDArray[np.int64] | None = None,
     threads: int = 0,
 ) -> NDArray[np.bool_]:
-    """Find the points that the masks of ``views`` call building (eq. 3 and 22).
+    """Find the points on the building by the vote of the masks of ``views`` (eq. 3 and 22).
 
     Args:
         points: [N, 3], normalised frame.
@@ -63,7 +62,7 @@ def vote(
         masks: label maps of all views of the scene, or the set that holds them.
         views: indices of the photos that may vote (the roots, or all with a usable mask).
         options: dilation of the masks and tolerance of the vote.
-        tracks: [N] rows of ``scene.points`` when the points are sparse points; their tracks then say who votes.
+        tracks: rows of ``scene.points`` [N] if the points are sparse points; then the photos of their tracks vote.
         threads: number of worker threads; 0 uses all cores.
 
     Returns:
@@ -88,21 +87,20 @@ def vote(
 def choose_voters(
     scene: Scene, views: Sequence[int], clicked: Sequence[int], options: VoteOptions = VoteOptions()
 ) -> list[int]:
-    """Choose those of ``views`` whose masks vote: all, or the root photos if any is among them.
+    """Choose the views whose masks vote: all of ``views``, or the root photos among them (option ``voters``).
 
     Args:
-        scene: whose root photos were suggested.
-        views: that may vote.
-        clicked: the photos that were clicked, whichever were suggested: their masks are the root masks. Empty for masks
-            of another origin, where the suggested photos are the roots.
-        options: who votes.
+        scene: with the suggested root photos.
+        views: candidates.
+        clicked: photos with clicks, which are the root photos; if empty (given masks), the suggested ones are.
+        options: of the vote.
     """
     roots = set(clicked or scene.roots) if options.voters == "roots" else set(views)
     return [i for i in views if i in roots] or list(views)
 
 
 def decide(votes: Votes, options: VoteOptions = VoteOptions()) -> NDArray[np.bool_]:
-    """Accept points with a vote for them and few enough against: a share of the votes, or half of a handful; [N]."""
+    """Accept points with a vote for them and few against: a share of the votes, or at most half of a few; bool [N]."""
     total = votes.inside + votes.outside
     allowed = np.maximum(options.tolerance * total, np.minimum(options.few, votes.inside * 0.5))
     return (votes.inside > 0) & (votes.outside <= allowed)
@@ -111,7 +109,7 @@ def decide(votes: Votes, options: VoteOptions = VoteOptions()) -> NDArray[np.boo
 def project_votes(
     points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
 ) -> Votes:
-    """Return votes by projection (eq. 2): every view with the point in front of it and inside its frame.
+    """Count votes by projection (eq. 2): of all views with the point in front of them and in their frame.
 
     Args:
         points: [N, 3], normalised frame.
@@ -135,7 +133,7 @@ def project_votes(
 
 
 def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int) -> Votes:
-    """Return votes of the photos that observed each sparse point of the scene, at the observed keypoint.
+    """Count votes at the observed keypoints: of the photos in the track of each sparse point.
 
     Args:
         scene: tracks of the sparse points.
@@ -170,8 +168,7 @@ def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[
 def _cast(
     labels: NDArray[np.uint8], uv: NDArray[np.floating], rows: NDArray[np.int64], dilation: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Tell which of the rows seen at uv one view votes for and against; ignored pixels outside the grown mask
-    abstain."""
+    """Return the votes of one view for and against the points seen at uv [N, 2]; ignored pixels do not vote."""
     if not len(rows):
         return rows, rows
     mask = building(labels)

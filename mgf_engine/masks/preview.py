@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf preview``: the mask of one photo from its own clicks, quick enough to look at after every click.
+"""``mgf preview``: segment one photo from its own clicks, fast enough for an update after every click.
 
-Only that photo is decoded, and of the COLMAP model only the points it observed are used; the masks stage, which lets
-all photos decide together, gives better masks than these. The picture is in the frame of the user's photo.
+Only that photo and the sparse points that it observed are read. The masks stage, which uses all photos together, gives
+better masks. The preview is in the frame of the user's original photo.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The user's clicks: ``prompts.json``, checked and brought to working pixels (undistorted with the photos).
+"""Read and check the user's clicks (``prompts.json``), and convert them to undistorted working pixels.
 
 The file holds ``{"photo": {"positive": [[u, v], …], "negative": [[u, v], …], "parts": {"window": [[u, v], …]}}}``;
 u, v are pixels of the user's own photo, (0, 0) its top-left corner.
@@ -31,7 +31,7 @@ _LARGEST_FILE = 32 << 20  # bytes; a thousand clicks on each of a thousand photo
 
 
 def no_clicks() -> BadInput:
-    """Return what to raise where nothing says which building is meant."""
+    """Make the error for a job with neither clicks nor masks."""
     return BadInput("There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks.")
 
 
@@ -53,7 +53,7 @@ Prompts = dict[int, Clicks]  # index of the view -> clicks
 
 @dataclass(frozen=True)
 class PromptsFile:
-    """A prompts file as it was at one moment, whatever becomes of it later; ``path`` is what messages name."""
+    """The content of a prompts file at the time it was read; ``path`` is named in messages."""
 
     path: Path
     content: bytes
@@ -82,8 +82,8 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
     """Read and check a prompts file.
 
     Args:
-        given: the file, or what it was when it was read.
-        warn: gets a sentence when photos with clicks could not be placed, so that their clicks are passed over.
+        given: path of the file, or its content.
+        warn: called with a sentence if clicks are ignored because their photos have no camera.
 
     Raises:
         BadInput: it cannot be read, is malformed, names unknown photos, has clicks outside the frame, or has no
@@ -116,12 +116,12 @@ def read_prompts(given: Path | PromptsFile, scene: Scene, warn: Callable[[str], 
 
 
 def check_prompts(given: PromptsFile, photos: Mapping[str, Path], *, placed: bool = False) -> None:
-    """Check what can be checked of a prompts file before the cameras are found.
+    """Check a prompts file as far as possible before the cameras are known.
 
     Args:
         given: the file.
         photos: name -> file of every photo.
-        placed: the photos are those of a model, beside which others may lie whose clicks do not count.
+        placed: whether the photos are those of a COLMAP model; clicks on other photos in their folder are ignored then.
 
     Raises:
         BadInput: as :func:`read_prompts` does.
@@ -141,7 +141,7 @@ def check_prompts(given: PromptsFile, photos: Mapping[str, Path], *, placed: boo
 
 
 def _size_of(photo: Path, placed: bool) -> tuple[int, int] | None:
-    """Return the size of a photo as it is shown; None where it cannot be read, which the scene stage says.
+    """Return the size of a photo after EXIF rotation; None if it cannot be read, which the scene stage reports.
 
     Whether the photos of a model are turned as EXIF says is the scene stage's to find: only what lies outside either
     way is wrong already.
@@ -156,7 +156,7 @@ def _size_of(photo: Path, placed: bool) -> tuple[int, int] | None:
 
 
 def clicked_names(given: Path | PromptsFile | None) -> list[str]:
-    """Return the photos that a prompts file has clicks on, as it names them; none where it cannot be read.
+    """Return the names of the photos with clicks, as in the prompts file; empty if it cannot be read.
 
     What is wrong with a file is said by :func:`read_prompts`, when its clicks are needed.
     """

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The masks on disk: ``labels/<photo>.png``, ``scores.json``, ``points.bin``, ``parts.json``.
+"""Write and read the masks of a job: ``labels/<photo>.png``, ``scores.json``, ``points.bin``, ``parts.json``.
 
-Label maps are 8-bit grey PNGs whose values are the labels. ``points.bin`` is one byte per sparse point, 1 for
-the masked points P'; ``parts.json`` lists second-level parts with their elements and points. Everything is written
-beside and moved into place; ``scores.json`` comes last and says that the rest is whole.
+Label maps are 8-bit grey PNGs whose values are the labels. ``points.bin`` is one byte per sparse point, 1 for the
+masked points P'; ``parts.json`` lists second-level parts with their elements and points. Files are written atomically;
+``scores.json`` is written last, so its presence means that the others are complete.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masks the user brings along: one PNG per photo, matched by name, used as they are.
+"""Read the user's own masks: one PNG per photo, matched by name, used unchanged.
 
 A mask is named like its photo, with ``.png`` in place of or after the photo's extension, in the same subfolder or
 directly in the folder. What the pixels mean:

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the building can be in a photo, from the sparse points that are the building.
+"""Extent of the building in each photo, by projecting its sparse points and the columns below them.
 
-The building is taken as those points and the columns below them: walls reach the ground even where bushes always
-hid their foot. From that follow, per photo:
+Columns extend each point down to the ground, since walls reach the ground even where bushes hide their foot. For each
+photo this gives maps:
 
-* *core*: pixels whose ray meets the building. Background there is an occluder (unknown, never "empty space").
-* *reach*: those and the rim around them where the surface, as flat as around its points, would still be.
-* *away*: how far a pixel is from those; a few spacings of the points away the building cannot be.
-* *ground first*: pixels whose ray meets the ground before the building.
-* *hidden*: pixels where points that this photo should have observed were not observed.
-* *behind*: pixels where another thing's points are nearer than the building.
-* *hull*: pixels in the convex hull of the core: what lies outside is no part of the building between its points.
-* *near*: depth at which the ray meets the building, infinite where it does not.
+* *core*: pixels whose ray hits the building. Background there is an occluder, not empty space.
+* *reach*: the core with a margin, into which the surface around the points extends as a plane.
+* *away*: distance of a pixel from *reach*; a few point spacings away there is no building.
+* *ground first*: pixels whose ray hits the ground before the building.
+* *hidden*: pixels where points that this photo should observe are not observed.
+* *behind*: pixels where points of something else are nearer to the camera than the building.
+* *hull*: convex hull of the core; outside of it is no gap between points of the building.
+* *near*: depth at which the ray hits the building, infinite if it does not.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class ExtentOptions:
 
 @dataclass(frozen=True)
 class ViewRegions:
-    """Maps of one photo on the reduced photo, bool [h, w]; see the module's text."""
+    """Maps of one photo at reduced size, bool [h, w]; the module's docstring defines them."""
 
     core: Map
     reach: Map
@@ -72,12 +72,16 @@ class ViewRegions:
 
 
 class BuildingExtent:
-    """Where the building is, from the points that are it and those that are something else.
+    """Extent of the building in the photos of a scene.
 
     Args:
-        keep: [P], points of the building.
-        ground: the plane under it; None takes the level of the lowest kept points.
-        others: [P], points of other things that stand on the ground; none unless given.
+        scene: photos, cameras and sparse points.
+        shape: spacing, flatness and height of the points.
+        keep: points of the building, bool [P].
+        ground: the plane below it; None takes the level of the lowest points.
+        visibility: the points that each photo observed and should observe.
+        others: points of other objects that stand on the ground, bool [P]; None for none.
+        options: of the maps.
     """
 
     def __init__(
@@ -127,9 +131,9 @@ class BuildingExtent:
         return ViewRegions(core, reach, away, first, hidden, behind, hull, near)
 
     def within(self, index: int, place: ViewRegions) -> NDArray[np.bool_]:
-        """Find the observations of view ``index`` that lie on the building's surface or behind it; bool [N].
+        """Find the observations of view ``index`` that lie on the building's surface or behind it, bool [N].
 
-        What is seen through the surface that the points span is a recess or a window of it, nothing in front of it.
+        A point behind the surface that the building's points span is in a recess or a window, not in front of it.
         """
         view, (h, w) = self.scene.views[index], place.core.shape
         here = self.scene.observations(index)

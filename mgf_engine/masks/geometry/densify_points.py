@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points where structure from motion found none: flat roofs and blank walls, whose place the masks need all the same.
+"""Add points by stereo where structure from motion found none, such as on flat roofs and plain walls.
 
-Between sparse points the building's surface has to be guessed. Where a whole roof has none, its pixels seem to show the
-ground behind, whatever was clicked on them. Matching photos with their neighbours finds such surfaces.
+The masks interpolate the building's surface between sparse points. Without any points on a roof, its pixels seem to
+show the ground behind it. Stereo matching of neighbouring photos finds such surfaces.
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ def densify_points(
     check: Callable[[], None],
     options: DensifyOptions = DensifyOptions(),
 ) -> Scene:
-    """Return the scene with points, and tracks through the photos that confirm them, where it has none.
+    """Return the scene with points added where it has none; their tracks are the photos that confirm them.
 
-    Where the building was clicked on texture that no two photos agree about, reduced photos are matched, too. About
-    moiré these agree; about mirror images they do not either, and then they are not used.
+    If no two photos agree at clicks on texture, reduced photos are matched as well: this resolves moiré, but not mirror
+    images, for which the reduced photos are not used.
 
     Args:
         scene: normalised frame.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find floaters, points that float in the air: mirror images in panes, and mismatches between things that repeat.
+"""Find floaters: wrong sparse points in empty space, from mirror images in panes or repeated structures.
 
-A photo that shows sky where a point should be looks through its place: nothing can stand there, whatever other photos
-observed. Points on the building's outline lie near the edge of the sky, and count only well within it.
+A photo that shows sky at the projection of a point proves that its position is empty, whatever other photos observed.
+Points on the building's outline project near the edge of the sky, so only those well inside the sky count.
 """
 
 from __future__ import annotations

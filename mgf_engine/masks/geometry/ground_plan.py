@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The building's ground plan, from its points seen from above.
+"""Ground plan of the building, from its points seen from above.
 
-A ray that meets the ground within the plan has passed through a wall before: it shows the building, even where no point
-lies on that wall.
+A ray that hits the ground inside the plan has passed through a wall before, so its pixel shows the building even if
+that wall has no points.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ground as a plane under the building, where the sparse points show one.
+"""Fit the ground plane to the sparse points by RANSAC.
 
-It separates paving from walls of the same stone, and tells how far walls reach down behind bushes.
+It separates paving from walls of the same stone, and is the lower end of walls whose foot is hidden by bushes.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs over on a building: eaves, cornices and stray points have no wall below them."""
+"""Find overhangs, below which there is no wall: eaves, cornices and stray points."""
 
 from __future__ import annotations
 

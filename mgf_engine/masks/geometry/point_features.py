@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the sparse points tell about the shape of the scene: up, local normals, neighbours, height over ground."""
+"""Local features of the sparse points: neighbours, normals, flatness, height above their surroundings."""
 
 from __future__ import annotations
 

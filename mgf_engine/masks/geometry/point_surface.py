@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface from few points: discs around them, columns below them, and how far away a photo sees it first."""
+"""Approximate the surface of sparse points by discs around them and columns below them, and render its depth."""
 
 from __future__ import annotations
 

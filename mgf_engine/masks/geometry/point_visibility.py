@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which sparse points a photo observed, and which it should have observed: something stands before the others."""
+"""Find the sparse points that a photo observed, and those that it should have observed, which are occluded."""
 
 from __future__ import annotations
 

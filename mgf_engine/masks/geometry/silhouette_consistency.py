@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ask all other photos whether a region can be the building: silhouettes as evidence (after Campbell et al. 2010).
+"""Silhouette consistency of regions with all other photos (after Campbell et al. 2010).
 
-Each cell of a box around the building gets the share of the photos in whose silhouettes it lies. A ray of a photo that
-meets no cell with a high share misses the building, whatever its colour; a ray that meets one that nearly all others
-hold probably shows it. No point has to lie on a wall for that.
+Each cell of a box around the building is rated by the share of the photos whose silhouettes contain it. A region whose
+rays hit no cell with a high share cannot be the building, whatever its colour; one whose rays hit a cell inside nearly
+all silhouettes probably is. This needs no points on the walls.
 """
 
 from __future__ import annotations

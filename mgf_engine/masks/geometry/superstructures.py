@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stands on the building above its roof, as spires and chimneys do: few points, too far apart for its surface."""
+"""Find superstructures, such as spires and chimneys: points above the roof, too sparse for the surface model."""
 
 from __future__ import annotations
 

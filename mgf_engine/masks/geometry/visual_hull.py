@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Carve the visual hull of the masks: where in space the building can be. It stands in for missing sparse points.
+"""Carve the visual hull of the masks; its surface cells replace missing sparse points.
 
-Photos straight down on shingles, or of plain walls, share few points on the building. The cells of the hull's surface
-tell which photos see the same of it and how far away it is, as points would.
+Nadir photos of shingles, or photos of plain walls, share few sparse points on the building. The surface cells of the
+hull then serve as points: for the choice of neighbouring photos, and for the range of depths.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class MaskHullOptions:
 def hull_cells(
     scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the centres [N, 3] of the cells that the masks of ``views`` leave to the building, and the cells' size.
+    """Carve the visual hull of the masks of ``views``: centres [N, 3] of its cells, and their size.
 
     Args:
         scene: normalised frame.
@@ -58,7 +58,7 @@ def hull_cells(
         options: number of cells, and how many views may disagree.
 
     Raises:
-        BadInput: the masks have no place in common.
+        BadInput: the hull is empty.
     """
     low, high = _seen_box(scene, views, options)
     for _ in range(options.rounds):
@@ -78,7 +78,7 @@ def hull_cells(
 def with_hull_points(
     scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
 ) -> tuple[Scene, NDArray[np.bool_]]:
-    """Return a scene with enough points on the building: cells of the hull stand in for them where they are few.
+    """Return a scene with enough points on the building: surface cells of the hull if there are few sparse points.
 
     Args:
         scene: cameras and sparse points.
@@ -87,11 +87,10 @@ def with_hull_points(
         options: of the hull.
 
     Returns:
-        The scene, its points replaced by the hull's where they are few, and which of its points lie on the building,
-        bool [P].
+        The scene, with the hull's points if it had few, and which of its points lie on the building, bool [P].
 
     Raises:
-        BadInput: few points, and masks that have no place in common.
+        BadInput: there are few points, and the hull is empty.
     """
     if np.count_nonzero(masks.point_mask) >= options.least_points:
         matched = matching_views(scene, masks.point_mask, views, 1).values()
@@ -128,7 +127,7 @@ def hull_agreement(
         options: of the hull.
 
     Returns:
-        0..1; None where the others leave no hull, or none of it lies in this view's frame.
+        0..1; None if the hull of the others is empty or outside of this view's frame.
     """
     if len(others) < options.least_views:
         return None
@@ -153,9 +152,9 @@ def hull_agreement(
 def points_to_match(
     scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
 ) -> tuple[Scene, NDArray[np.bool_]]:
-    """Return a scene as :func:`with_hull_points` does, and as it is where the masks have no place in common.
+    """Call :func:`with_hull_points`, but return the scene unchanged if the hull is empty.
 
-    For stereo, which can do without: photos that share no points are matched with none.
+    For stereo matching, which then leaves photos without shared points unmatched.
 
     Args:
         scene: normalised frame.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Propagate clicks to all photos by random walks over superpixels and sparse points.
+"""Propagate clicks to all photos by a random walker on a graph of superpixels and sparse points.
 
 ``propagate`` runs it: ``superpixels`` and ``label_graph`` make the graph, ``appearance`` (colour and texture) and
 ``geometric_odds`` give evidence, ``random_walker`` solves it, ``prompt_outliers`` finds clicks that contradict the

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Colour and texture models of building and background, shared by all photos of a scene.
 
-Each class is a mixture of Gaussians over the regions' features; the answer is the log of the likelihood
-ratio, pulled to zero where neither class has seen such a region.
+Each class is a Gaussian mixture over the features of regions. The result is the log-likelihood ratio, which fades to
+zero for regions that resemble neither class.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def log_ratio(
     threads: int = 1,
     options: AppearanceOptions = AppearanceOptions(),
 ) -> NDArray[np.float64]:
-    """log p(x | building) - log p(x | background) for features [N, F] -> [N]; 0 where both are strangers.
+    """Compute log p(x | building) - log p(x | background) for features [N, F] -> [N]; 0 if both are very unlikely.
 
     Args:
         features: [N, F].

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Correct the drawn masks by what the paper does not use: sky, ground, plants, plain regions, thin structures."""
+"""Correct the drawn masks (beyond the paper): sky, ground, plants, homogeneous regions, thin structures."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class MaskCorrection:
     def run(
         self, extent: BuildingExtent, accepted: NDArray[np.bool_], voters: Sequence[int]
     ) -> set[tuple[int, int]] | None:
-        """Correct the masks by what the paper does not use: sky, ground, plants, thin structures; in place.
+        """Correct the masks in place: sky, ground, plants, homogeneous regions, thin structures.
 
         Args:
             extent: of the building in the photos.
@@ -130,7 +130,7 @@ class MaskCorrection:
     def _close_panes(
         self, pierced: dict[int, _Pierced], extent: BuildingExtent, accepted: NDArray[np.bool_], voters: Sequence[int]
     ) -> None:
-        """Correct masks again without the holes that are sky mirrored in panes, see :func:`find_mirrored_sky`."""
+        """Repeat the correction of masks whose sky holes are mirror images in panes, see :func:`find_mirrored_sky`."""
         points, options = self.scene.points[accepted], self.config.algorithm(MirroredSkyOptions)
 
         def mirrored(index: int) -> NDArray[np.bool_]:
@@ -193,7 +193,7 @@ class MaskCorrection:
         return pierced
 
     def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
-        """Draw clicked steelwork that the masks lack; doubted clicks count, since regions are too coarse for it."""
+        """Add clicked steelwork that the masks miss; outlier clicks count, too: superpixels are too coarse for it."""
         known = SceneContext(
             self.scene, accepted, self.graph.shape.up, self.plane, self._sky,
             lambda index: self._of_regions(index, self.graph.plants),
@@ -206,7 +206,7 @@ class MaskCorrection:
         return found
 
     def _cut_ground(self, ground: GroundFinder, voters: Sequence[int]) -> bool:
-        """Cut out the ground that shows through an open building; what may be ground becomes ignored.
+        """Remove the ground visible through an open building; pixels that may be ground become ignored.
 
         Returns:
             whether the building is an open one.

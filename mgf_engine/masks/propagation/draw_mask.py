@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From probabilities to the mask of one photo: what the segmenter is told, and when it is asked a second time."""
+"""Draw the mask of one photo: collect the segmenter's hints, and try again if the mask contradicts them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mgf_engine.model.scene import Scene
 def draw_mask(
     segmenter: Segmenter, index: int, photo: NDArray[np.uint8], hints: Hints, options: PropagationOptions
 ) -> Segment:
-    """Draw the mask of a photo; one that agrees badly with the hints is drawn in the segmenter's other way.
+    """Draw the mask of a photo; if it agrees badly with the hints, try the segmenter's second attempt.
 
     Args:
         segmenter: that draws it.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the building stands, as evidence for the label propagation: ground, extent, what is in front and behind.
+"""Geometric evidence for the label propagation: log-odds of "building" from ground plane, extent and occlusion.
 
-The points that are probably the building span a surface (:mod:`mgf_engine.masks.geometry.building_extent`). Regions
-whose rays meet it, miss it, or meet the ground first get log-odds of "building"; so do points on the ground plane,
-points that stand on the building, and points apart from every click.
+The points that probably belong to the building span a surface (:mod:`mgf_engine.masks.geometry.building_extent`).
+Regions get log-odds by whether their rays hit it, miss it, or hit the ground first; points by whether they lie on the
+ground plane, stand on the building, or are disconnected from every click.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GeometricEvidence:
-    """Evidence of the geometry in the views that were looked at: of all nodes [N], regions first.
+    """Geometric evidence of all nodes of the graph [N], regions first; only of the views that were evaluated.
 
     Attributes:
         odds: log-odds of "building".
-        grounded: what is ground.
+        grounded: nodes that are ground.
         over: points that stand on the building.
         ground: the plane; None where there is none, or the clicks count it in.
     """
@@ -131,7 +131,7 @@ class GeometricOdds:
         return ground.holds(graph.scene, graph.shape), added
 
     def silhouettes(self, probability: Array, placed: GeometricEvidence, views: Sequence[int]) -> Array:
-        """Compute the odds that the silhouettes of all other photos give to regions, [N]; 0 elsewhere.
+        """Compute the log-odds of regions by the silhouettes of all other photos, [N]; 0 for other nodes.
 
         Args:
             probability: of "building" so far, of all nodes [N].
@@ -176,10 +176,10 @@ class GeometricOdds:
         return probable & clicked, probable & ~clicked
 
     def _tied_to_building(self, keep: NDArray[np.bool_], points: Array, appearance: Array) -> Array:
-        """Return how far regions may be the building although no point of it is near, 0..1, [regions].
+        """Rate how likely regions belong to the building although no point of it is near, 0..1, [regions].
 
-        A sheet roof or a plain wall has points along its edges only. What looks like the building, and is tied to its
-        points more than to those of other things, may be one surface with them.
+        A sheet roof or a plain wall has points along its edges only. A region that resembles the building, and is
+        connected to its points more than to others, may be the same surface.
         """
         own = self.options
         known = np.concatenate([self.graph.sky[: self.graph.region_count] > 0, keep | (points < own.other_below)])
@@ -238,9 +238,9 @@ class GeometricOdds:
         return np.asarray(distance > gap, bool)  # infinite beyond the bound
 
     def _clicks_reject(self, grounded: Array, prompts: Prompts) -> bool:
-        """Tell whether the ground is background: more negative than positive clicks lie on it, or none at all.
+        """Tell whether the ground is background: more negative than positive clicks lie on it, or no clicks at all.
 
-        Nobody has to click beside the building: what stands on the ground is not the ground.
+        Users need not click on the ground: by default it does not belong to the building.
         """
         on_ground = grounded > 0.5
         negative = sum(int(on_ground[self.graph.points_at(i, c.negative)].sum()) for i, c in prompts.items())

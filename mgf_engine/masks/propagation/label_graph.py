@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The graph of the label propagation: superpixels of all photos and sparse points, their edges, and the solver on it.
+"""The graph of the label propagation: nodes are superpixels and sparse points; with its edges and linear solver.
 
 Its edges join superpixels with their neighbours (weakly across image edges), points with the superpixels in which
 photos observed them, and points with neighbouring points.

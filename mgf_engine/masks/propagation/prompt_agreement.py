@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Doubted clicks that other photos second: the same thing was clicked there, so it was meant.
+"""Find outlier clicks that clicks in other photos confirm: both are on the same object, so it was clicked on purpose.
 
-Two clicks are on the same thing when their rays meet in front of both cameras. Rays meet by chance, too: two doubted
-clicks rarely do, but of all those on the building some always lie on the ray of a slip. With one that is not doubted
-the rays must meet where the sparse points beside both clicks are.
+Two clicks are on the same object if their rays intersect in front of both cameras. Two outliers rarely do so by chance,
+but some click on the building usually lies near the ray of a mistaken click. So for a pair with a click that is no
+outlier, the intersection must be at the depth of the sparse points near both clicks.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ def drop_confirmed(
     prompts: Prompts,
     options: PromptAgreementOptions = PromptAgreementOptions(),
 ) -> list[OutlierPrompt]:
-    """Return the doubts less those on clicks on the building that other photos second.
+    """Return the outliers without the clicks on the building that other photos confirm.
 
-    One other photo is enough; two where all clicks on the building in a photo are doubted, as if it were clicked on
-    another one.
+    One other photo is enough; two if all clicks on the building in a photo are outliers, as after clicking on another
+    building.
 
     Args:
         doubts: clicks that cross-validation found wrong.

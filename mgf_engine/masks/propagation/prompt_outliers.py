@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clicks that contradict all others: a slip of the mouse, or a photo clicked on another building.
+"""Find outlier clicks by cross-validation: mistaken clicks, or a photo with clicks on another building.
 
-The clicked photos are split into a few groups; what the other groups say about a group's clicks is the test. A
-click is doubted only when they are sure of the opposite: clicks on parts that no other photo explains are kept.
+The clicked photos are split into groups; the clicks of each group are predicted from those of the others. A click is an
+outlier only if the prediction is certain of the opposite: clicks on parts that no other photo explains are kept.
 
-A doubted click beside the building counts all the same, unless its photo was clicked on another building: it may be
-the only one that tells of a neighbour as white as the building. A slip of that kind spoils one mask at most.
+An outlier beside the building is used all the same, unless its photo was clicked on another building: it may be the
+only one on a neighbour that looks like the building, and a mistake of that kind affects one mask at most.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class PromptOutlierOptions:
 
 @dataclass(frozen=True)
 class OutlierPrompt:
-    """One doubted click: view, kind, its row among the clicks of that kind, and what the others believe there."""
+    """An outlier click: view, kind, its row among the clicks of that kind, and the predicted probability there."""
 
     view: int
     positive: bool
@@ -48,10 +48,10 @@ class OutlierPrompt:
 def find_outlier_prompts(
     walker: LabelPropagation, prompts: Prompts, seed: int, options: PromptOutlierOptions = PromptOutlierOptions()
 ) -> list[OutlierPrompt]:
-    """Find the clicks that the other photos' clicks contradict; empty with fewer than three clicked photos.
+    """Find the clicks that those in other photos contradict; none with fewer than three clicked photos.
 
-    Wrong clicks blur each other's test: what is found is left out and the rest tested again. The first pass, mostly
-    the last, looks at the geometry of the clicked photos alone: a fifth of them, and of the time.
+    Outliers disturb the test of other clicks, so they are left out and the rest is tested again. The first pass, which
+    is usually the only one, evaluates the geometry of the clicked photos only, which takes a fifth of the time.
 
     Args:
         walker: label propagation of the scene.
@@ -71,7 +71,7 @@ def find_outlier_prompts(
 
 
 def ignored_outliers(doubts: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPrompt]:
-    """Return the doubted clicks that do not count: those on the building, and all of photos of another building."""
+    """Return the outliers that are not used: those on the building, and all in photos of another building."""
     elsewhere = {d.view for d in doubts if clicked_elsewhere(d.view, doubts, prompts)}
     return [d for d in doubts if d.positive or d.view in elsewhere]
 

@@ -68,7 +68,7 @@ class Propagation:
 
 
 def propagate(scene: Scene, prompts: Prompts, segmenter: Segmenter, config: Config, reporter: Reporter) -> Propagation:
-    """Return masks of every photo from clicks on some.
+    """Make masks of all photos from clicks on some of them.
 
     Args:
         scene: photos, cameras and sparse points.
@@ -131,7 +131,7 @@ class _Propagator:
         return self._finish(disagreement, doubts)
 
     def _drop_outlier_prompts(self) -> list[OutlierPrompt]:
-        """Leave out clicks that the other photos contradict; returns all that they doubt, also those that are kept."""
+        """Leave out clicks that the other photos contradict; return all outliers, also those that are used."""
         found = find_outlier_prompts(
             self.walker, self.prompts, self.config.seed, self.config.algorithm(PromptOutlierOptions)
         )
@@ -172,7 +172,7 @@ class _Propagator:
         return vote(scene.points, scene, self.labels, voters, self.vote_options, rows, self.threads)
 
     def _second_vote(self) -> NDArray[np.float64]:
-        """Compare each mask with the votes of all others on its points; draw it again where they differ.
+        """Compare each mask with the votes of all others on its points; draw it again if they differ.
 
         Returns:
             [V], share of each photo's points on which the others still disagree.
@@ -254,7 +254,7 @@ class _Propagator:
         return messages.sentences(doubts, self.confirmed, ignored=self.prompts is not self.original)
 
     def _judge_by_clicks(self, reasons: list[str]) -> list[str]:
-        """Drop the reasons that rest on too few points, and judge those masks by clicks and other masks."""
+        """Replace flags that rest on too few points: test those masks by clicks and the other masks instead."""
         kept = self._accepted(self.scene, list(self.views))
         least = self.config.algorithm(CrossViewOptions).least_points
         judged = [len(observed_pixels(self.scene, i, kept)) >= least or i in self.prompts for i in self.views]

@@ -29,7 +29,7 @@ from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
 
-#: Features of points: those of the regions that saw them, how upright their surface is, and how flat.
+#: Features of points: those of the regions that observed them, verticality of their surface, and flatness.
 POINT_SCALE = np.concatenate([FEATURE_SCALE, [1.0, 1.0]])
 
 

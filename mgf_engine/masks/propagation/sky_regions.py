@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions that are sky, or the plain backdrop of a model on a table: they have no place in space.
+"""Find regions of sky, or of the plain backdrop behind a scale model.
 
-A white wall and a white sky look alike; what tells them apart is that the sky reaches the top of the photo without an
-edge, and that no point of the scene was ever found in it.
+A white wall resembles a white sky; but the sky extends to the top of the photo without an edge, and contains no sparse
+points.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def find_sky(regions: Regions, observed: NDArray[np.int64], options: SkyOptions 
 def draw_skyline(
     lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], options: SkyOptions = SkyOptions()
 ) -> NDArray[np.bool_]:
-    """Draw the mask's edge against the sky pixel by pixel: regions are coarser than roof edges and chimneys.
+    """Refine the mask's edge against the sky to single pixels: superpixels are coarser than roof edges and chimneys.
 
     Args:
         lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`; mask: [H, W]; sky: [H, W],

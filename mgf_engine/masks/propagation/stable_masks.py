@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masks that follow clicks steadily: one more click on the building never loses the building.
+"""Keep the preview stable: one more click on the building never loses the building.
 
-Each answer to a set of clicks is found by itself, and the colours learnt from one click more may tip it over. So the
-answers to the first click on the building, to the first two, and so on are looked at in their order.
+The mask of each set of clicks is computed independently, and the colours learnt from one more click may change it
+completely. So the masks of the first click on the building, the first two, and so on are merged in order.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small regions (superpixels) of a photo: the nodes on which building and background are decided.
+"""Divide a photo into superpixels (SLIC) with features: the nodes of the label graph.
 
-A photo at 1000 px has 700,000 pixels and about 1,800 regions; deciding on regions lets all photos of a
-scene be decided together. Segmenters and the skyline draw the edges at working resolution afterwards.
+A photo at 1000 px has 700,000 pixels but about 1,800 superpixels, so that all photos of a scene fit into one graph.
+Segmenters and the skyline refine the edges at working resolution afterwards.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What lies far behind an open building: lawn up to the horizon, and the haze over it.
+"""Remove the far background seen through an open building: lawn up to the horizon, and the haze above it.
 
-Between the bars of a frame it is in the masks, for they are drawn around such parts as a whole. It is too far away for
-other photos to confirm it as ground, and too low to be sky. But beside the building, as high over the horizon, the same
-photo shows the same colour; where it shows none, the other photos do.
+The masks are drawn around the bars of a frame as a whole, with the background between them. It is too far away for
+other photos to confirm it as ground, and too low to be sky. But beside the building, at the same elevation angle, the
+same photo (or another one) shows the same colour.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class FarBackgroundOptions:
 
 @dataclass(frozen=True)
 class ElevationColors:
-    """The background by height over the horizon: CIELAB [L, 3] and how far from it is alike, [L], for each level.
+    """Background colour by elevation angle: CIELAB [L, 3], and the colour distance up to which a pixel is alike, [L].
 
-    A distance of 0 is one that nothing is known of.
+    A distance of 0 means unknown.
     """
 
     colour: NDArray[np.float32]
@@ -75,7 +75,7 @@ def remove_far_background(
     threads: int = 1,
     options: FarBackgroundOptions = FarBackgroundOptions(),
 ) -> None:
-    """Make background, in place, of what looks like the far background beside the building.
+    """Set pixels that look like the far background beside the building to background, in place.
 
     Args:
         scene: normalised frame.

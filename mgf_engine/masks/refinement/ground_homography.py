@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ground that shows through the building: between the bars of a frame, under a bridge or an arch.
+"""Find ground visible through the building (between bars, under an arch) by homographies of the ground plane.
 
-A mask is drawn around such parts as a whole, and what is trained on the ground behind them would hang in the air as
-clumps. Where a pixel shows the plane of the ground, other photos show the same texture where the plane puts it; where
-it shows the building before the plane, they show something else. No region of a photo is as fine as the gaps.
+The masks are drawn around such parts as a whole; training on the ground behind them would make clumps of Gaussians in
+the air. If a pixel shows the ground, the homography of the ground plane maps it to the same texture in other photos; if
+it shows the building in front of it, it does not. This works pixel by pixel: superpixels are coarser than the gaps.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def _counting(photos: int, o: GroundHomographyOptions) -> int:
 
 
 def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_], o: GroundHomographyOptions) -> NDArray[np.bool_]:
-    """Return pixels near to the ground whose colour is as near to its mean around them as most of its own, [H, W]."""
+    """Find pixels near the ground whose colour is as close to its local mean as most of the ground's pixels, [H, W]."""
     result, near = np.zeros_like(ground), near_ground(ground, o.reach)
     box = _box_of(near)
     if box is None:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mask boundaries that cross a homogeneous region, moved to the region's edge.
+"""Extend the mask to the edges of homogeneous regions that its boundary crosses.
 
-Propagation decides by superpixels and points, and a textureless wall gives it neither edges nor points: its foot or a
-corner may be cut off along a line that the photo does not show. A region without edges is one surface, so where most of
-it is building, the rest is filled up to the nearest edge.
+Label propagation needs edges and points, and a textureless wall has neither: its foot or a corner may be cut off where
+the photo shows no edge. A region without edges is one surface, so if most of it is building, the rest is filled up to
+the nearest edge.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""CIELAB of the photos, for what compares each photo with many others."""
+"""Cache of the photos in CIELAB, for steps that compare each photo with many others."""
 
 from __future__ import annotations
 

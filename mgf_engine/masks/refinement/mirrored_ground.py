@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tell ground that shows through the building from ground that its panes mirror.
+"""Separate ground seen through the building from ground mirrored in its panes.
 
-The mirror image of a level ground lies in the plane of that ground, so that all photos which look into a pane agree on
-it. Photos that see the place beside the building, or from its other side, show what is really there: something else.
+The mirror image of level ground lies in the ground plane, so all photos of the same pane agree on it. Photos that see
+that position beside the building, or from the other side, show what is really there, which differs from a mirror image.
 """
 
 from __future__ import annotations

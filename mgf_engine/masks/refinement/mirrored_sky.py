@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tell sky that shows through the building from sky that its panes mirror.
+"""Separate sky seen through the building from sky mirrored in its panes.
 
-Where sky shows through, other photos look through the same opening from elsewhere: they see sky in places that the ray
-passes. The ray of a mirror image passes through the closed building, which all other silhouettes hold.
+Behind a real opening, some point on the ray is outside the silhouettes of photos that look through the same opening.
+The ray of a mirror image passes through the closed building, which is inside all other silhouettes.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Patches of a photo compared with what other photos show there, pixel by pixel; the best of them count."""
+"""Normalised cross-correlation of each pixel's patch with other photos; the best of them count."""
 
 from __future__ import annotations
 

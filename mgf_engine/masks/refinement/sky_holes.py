@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sky that shows through the building: between the bars of a frame, under an arch, through an open belfry.
+"""Find sky visible through the building: between bars, under an arch, through an open belfry.
 
-A mask is drawn around such parts as a whole. Called building, the air between the bars would be filled.
+The masks are drawn around such parts as a whole; without this step the gaps would be reconstructed as solid.
 """
 
 from __future__ import annotations

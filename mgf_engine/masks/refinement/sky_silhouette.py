@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stands out against the sky, pixel by pixel, and where in space it can be: the hull of its silhouettes.
+"""Silhouettes of thin structures against the sky, pixel by pixel, and the visual hull of these silhouettes.
 
-Open steelwork, railings and masts are thinner than any region of a photo, and no sparse point lies on them. Against the
-sky they are plain to see all the same, and what several photos see against the sky has a place in space.
+Open steelwork, railings and masts are thinner than superpixels and have no sparse points. But they stand out against
+the sky, and the silhouettes of several photos give their position in space.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def _sky_around(
 
 @dataclass(frozen=True)
 class SilhouetteHull:
-    """Cells of space that may be solid: integer places [N, 3], the corner of place 0 and the cells' side."""
+    """Cells of the visual hull: integer indices [N, 3], the corner of cell 0 and the side of the cells."""
 
     places: NDArray[np.int64]
     corner: NDArray[np.float64]
@@ -157,8 +157,7 @@ class SilhouetteHull:
         return SilhouetteHull(self.places[keep], self.corner, self.side)
 
     def standing(self, ground: Ground, options: SilhouetteOptions = SilhouetteOptions()) -> SilhouetteHull:
-        """Return the hull with columns from its lowest cells down to the ground: what no photo shows before the sky
-        carries them."""
+        """Return the hull with columns from its lowest cells to the ground, which no photo shows against the sky."""
         height = ground.height(self.centres)
         lowest = height < np.quantile(height, options.feet)
         feet, height = self.centres[lowest], height[lowest]
@@ -194,9 +193,9 @@ def carve(
     cell: float,
     options: SilhouetteOptions = SilhouetteOptions(),
 ) -> SilhouetteHull:
-    """Return the cells of a cube that several photos see as something and that hardly any photo sees as sky.
+    """Carve a cube: keep the cells inside the silhouettes of several photos that hardly any photo shows as sky.
 
-    Cells are divided in eight as long as they may be solid, so that the sky's emptiness is cheap.
+    Cells are subdivided as an octree while they may be solid, so that empty space is cheap.
 
     Args:
         views: cameras of the photos.

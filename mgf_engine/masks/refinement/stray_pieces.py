@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of a mask apart from the rest that hold no click, no sparse point and none of the building's extent."""
+"""Find stray components of a mask: without clicks and sparse points, and outside of the building's extent."""
 
 from __future__ import annotations
 

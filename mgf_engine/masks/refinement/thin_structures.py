@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Open steelwork that was clicked: frames, masts and railings that the masks miss and the sky shows.
+"""Add clicked thin structures (steel frames, masts, railings) to the masks, from their silhouettes against the sky.
 
-A click that the masks do not explain is either a slip or a sign that a part is missing. It is a sign when clicks in
-several photos meet in one thing that stands out against the sky. That part is then drawn to the pixel where a photo
-shows it before the sky, and stands on the ground below. Where the ground is behind it, what other photos confirm as
-ground is none of it, and what stands out from such ground around it is; where other things are behind it is ignored.
+A click outside of the masks is either a mistake or a missing part. It is a missing part if clicks in several photos
+meet in one structure that stands out against the sky. Its pixels in front of the sky are then building, with columns
+down to the ground. In front of the ground, pixels that other photos confirm as ground are background, and pixels that
+contrast with such ground are building; in front of anything else, pixels are ignored.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def find_thin_structures(
     labels: Sequence[NDArray[np.uint8]],
     options: ThinStructureOptions = ThinStructureOptions(),
 ) -> ThinStructures | None:
-    """Find parts of the building against the sky that clicks ask for and the masks lack; None when there are none.
+    """Find clicked parts of the building against the sky that the masks miss; None if there are none.
 
     Args:
         known: scene, points of the building, sky and plants.

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trees in front of the building where no point tells that it goes on behind them.
+"""Set trees in front of the building to ignored, where no sparse point shows that it continues behind them.
 
-Called background, they would vote against the wall that other photos see past the leaves; called unknown, they have no
-say. A tree behind the building becomes ignored as well where it shows within the outline, which costs nothing: photos
-from elsewhere look past it.
+As background, they would vote against the wall that other photos see behind the leaves. Trees behind the building that
+are visible within its convex outline become ignored as well, which does no harm: other photos see past them.
 """
 
 from __future__ import annotations

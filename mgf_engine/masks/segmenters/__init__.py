@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What turns clicks and projected points into a mask of one photo."""
+"""Segmenters: draw the mask of one photo from clicks, sparse points and the probability of building."""

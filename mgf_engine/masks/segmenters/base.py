@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What every segmenter is asked, and what it answers."""
+"""Interface of the segmenters: hints in, mask and score out."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 Points = NDArray[np.floating]
 
-CLICK_POINTS = 10  # a click weighs like this many sparse points
-DOUBT = 10  # rejected points in a photo below which they say little
+CLICK_POINTS = 10  # weight of a click in the score, in sparse points
+DOUBT = 10  # number of rejected points in a photo below which they count less
 
 
 @dataclass(frozen=True)
 class Hints:
-    """Everything known about the building in one photo; points are [N, 2] in working pixels.
+    """Evidence about the building in one photo; points are [N, 2] in working pixels.
 
     Attributes:
         positive, negative: the user's clicks.
@@ -61,8 +61,7 @@ class Segmenter(Protocol):
 
 
 def agreement(mask: NDArray[np.bool_], hints: Hints) -> float:
-    """Return the share of the accepted points inside minus share of the rejected inside, 0..1; 2 px at the edge do not
-    count."""
+    """Return the share of the accepted points inside minus that of the rejected ones, 0..1, with 2 px tolerance."""
     near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     deep = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1).astype(bool)
     good = _share(near, hints.accepted, hints.positive, 0)

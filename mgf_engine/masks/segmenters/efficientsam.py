@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""EfficientSAM through ONNX Runtime: one embedding per photo, many cheap queries on it.
+"""EfficientSAM through ONNX Runtime: one embedding per photo, many cheap prompts on it.
 
-The model takes at most six points (more are silently dropped) and was not trained on negative ones. So several
-queries of up to six points are asked, and everything else that is known (negative clicks, rejected points) acts
-through the score that chooses among their candidates.
+The model takes at most six points (more are silently dropped) and was not trained on negative ones. Several prompts of
+up to six points are tried; negative clicks and rejected points enter only the score that selects among the candidates.
 """
 
 from __future__ import annotations

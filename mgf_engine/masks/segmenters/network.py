@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An ONNX file in ONNX Runtime: every way it can fail is a sentence, or the CPU's turn."""
+"""Run an ONNX file in ONNX Runtime; failures become one sentence, those of a GPU provider fall back to the CPU."""
 
 from __future__ import annotations
 

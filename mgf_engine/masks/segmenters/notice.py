@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What people are told about the segmenter: which one draws the masks, and how to get the other."""
+"""Messages about the segmenter: which one draws the masks, and how to install EfficientSAM."""
 
 from __future__ import annotations
 

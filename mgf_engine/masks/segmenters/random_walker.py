@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The segmenter that needs no weights: the probability of building, drawn to this photo's edges.
+"""The segmenter without network weights: thresholds the probability of building, aligned with the photo's edges.
 
 The probability (``propagation/random_walker.py``) comes from a random walk over superpixels and points of all photos
-(Grady, *Random walks for image segmentation*, 2006) and from models of colour. Here it is brought to working
-resolution, drawn to the photo's edges by a guided filter, and cleaned: holes without evidence are filled (dark windows,
-white walls), specks without a point are dropped.
+(Grady, *Random walks for image segmentation*, 2006) and from colour models. Here it is upsampled to the working
+resolution, aligned with image edges by a guided filter, thresholded and cleaned: holes without evidence are filled
+(dark windows, white walls), specks without a point are removed.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class RandomWalker:
 
 
 def follow_points(hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()) -> NDArray[np.float32]:
-    """Return the probability bent towards the points of this photo: each speaks for the pixels around it."""
+    """Blend the probability with the labels of the sparse points around each pixel of this photo."""
     h, w = hints.probability.shape
     radius = options.near * max(h, w)
     votes = np.zeros((2, h, w), np.float32)
@@ -68,14 +68,14 @@ def follow_points(hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions
         y = np.clip(np.floor(points[:, 1]).astype(int), 0, h - 1)
         np.add.at(plane, (y, x), 1)
     near = [cv2.GaussianBlur(v, (0, 0), radius) * (2 * np.pi * radius**2) for v in votes]
-    weight = 0.5  # the probability counts like half a point
+    weight = 0.5  # weight of the probability: half a point
     return ((near[1] + weight * hints.probability) / (near[0] + near[1] + weight)).astype(np.float32)
 
 
 def to_edges(
     photo: NDArray[np.uint8], probability: NDArray[np.float32], options: MaskDrawingOptions = MaskDrawingOptions()
 ) -> NDArray[np.float32]:
-    """Return the probability drawn to the photo's edges, float32 [H, W]."""
+    """Align the probability with the photo's edges by a guided filter, float32 [H, W]."""
     radius = max(4, round(options.radius * max(photo.shape[:2])))
     guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
     return np.asarray(cv2.ximgproc.guidedFilter(guide, probability, radius, (options.edge * 255) ** 2), np.float32)
@@ -84,7 +84,7 @@ def to_edges(
 def clean(
     mask: NDArray[np.bool_], hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()
 ) -> NDArray[np.bool_]:
-    """Drop specks, fill holes; points and clicks that say otherwise win."""
+    """Remove specks and fill holes, except those with points or clicks that contradict."""
     for value, share, points, clicks in (
         (False, options.speck, hints.accepted, hints.positive),
         (True, options.hole, hints.rejected, hints.negative),
@@ -97,7 +97,7 @@ def clean(
 def _fill(
     mask: NDArray[np.bool_], found: Sequence[tuple[NDArray, int]], most: float, enough: int, value: bool
 ) -> NDArray[np.bool_]:
-    """Turn small pieces that are not ``value`` into it, unless enough is found on them.
+    """Set small connected pieces that are not ``value`` to it, unless there is enough evidence on them.
 
     Args:
         mask: bool [H, W].

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Given masks that contradict the others: the mask of another photo, of a neighbour, upside down.
+"""Find given masks that contradict the others: of another photo, of a neighbouring building, upside down.
 
-The sparse points tell: photos that see the same point must agree whether it is building. A mask that the others
-contradict is left out of training, like a weak one of our own; masks that contradict each other without a majority
-are refused.
+Photos that observe the same sparse point must agree whether it belongs to the building. A mask that the others
+contradict is not used in training; masks that contradict each other without a majority are refused.
 """
 
 from __future__ import annotations
@@ -90,8 +89,10 @@ def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: in
 def _agreement(
     index: int, says: NDArray[np.int8], owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_], least: int
 ) -> float:
-    """Rate how a view agrees with the majority of the trusted others: share right inside plus share right outside, less
-    1; where few points tell of one side, the other's share doubled, less 1. NaN where too few points tell.
+    """Compute the agreement of a view with the majority of the trusted others, 1 (all points) to 0 (a random mask).
+
+    It is sensitivity plus specificity less 1; with too few points on one side, twice the other rate less 1; NaN with
+    too few points on both.
     """
     own = scene.track_view == index
     others = trusted & ~own

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain surfaces: parts of the building where photos show neither texture nor sparse points to tell depth."""
+"""Measure the share of the building with neither texture nor sparse points, where depth is unknown."""
 
 from __future__ import annotations
 

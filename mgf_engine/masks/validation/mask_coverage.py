@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How well given masks fit the building: holes, rims cut off, ground and neighbours taken in.
+"""Check how completely given masks cover the building: holes, missing rims, included ground or neighbours.
 
-The sparse points tell here, too. A point that most photos have inside their masks is building; where another photo
-sees it outside, that mask lacks something there. Its pixels around are made ignored, so that nothing is learnt from
-them, and a sentence says how much is wrong.
+A sparse point that is inside the masks of most photos belongs to the building; a mask with this point outside is
+incomplete there. The pixels around it are ignored in training, and a warning says how many observations are wrong.
 """
 
 from __future__ import annotations
@@ -91,10 +90,10 @@ def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
 
 
 def mark_ignored(scene: Scene, labels: LabelMaps, fit: MaskCoverage) -> list[NDArray[np.uint8]]:
-    """Return the label maps with background made ignored where the photo shows the building after all.
+    """Return the label maps with background set to ignored where observations show the building.
 
-    Unknown become the pixels around each observation that its mask leaves out, as far around as the mask is away, and
-    holes as a whole that hold such observations and none of the surroundings.
+    These are the pixels around each observation that its mask leaves out, up to the distance of the mask, and whole
+    holes with such observations and none of the surroundings.
     """
     result = list(labels)
     for index in np.unique(scene.track_view[fit.lacking]).tolist():
@@ -125,7 +124,7 @@ def _holes(
 
 
 def describe_misfits(scene: Scene, fit: MaskCoverage) -> list[str]:
-    """Return one sentence where masks leave out much of the building or take in its surroundings; or none.
+    """Return one warning if masks leave out much of the building or include its surroundings, else no warning.
 
     Only the greater fault is named: where much is wrong, the majority is, too, and each looks like the other.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Flag masks that are too weak to train on: no building, or contradicted by points or by the other photos' masks."""
+"""Flag masks that are not used in training: without building, or contradicted by points or by other photos' masks."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class FlagOptions:
 
 
 def measure_consistency(scene: Scene, masks: MaskSet, dilation: int) -> float:
-    """Return the share of the sparse points observed in three used photos or more on which those photos agree.
+    """Return the share of the sparse points with three or more observations in used photos on which these agree.
 
-    Photos agree when at most one in ten votes differs (one noisy keypoint in a long track is no contradiction).
+    They agree if at most one in ten votes differs, so that one noisy keypoint in a long track does not count.
     """
     voters = np.flatnonzero(masks.used).tolist()
     votes = track_votes(scene, masks.labels, voters, dilation)
@@ -67,7 +67,7 @@ def flag_by_masks(
     judged: NDArray[np.bool_],
     options: FlagOptions = FlagOptions(),
 ) -> list[str]:
-    """Return why each mask is left out without points to test it: only because the other photos' masks contradict it.
+    """Return why each mask without enough points to test it is left out: the visual hull of the others contradicts it.
 
     Args:
         scene: normalised frame.
