@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
@@ -44,6 +45,13 @@ class ClickOptions:
     near: float = parameter(
         0.25, "Maximum distance of clicks beside a building, as a share of the longest side", high=1
     )
+    around: int = parameter(
+        8, "Number of points nearest to a point on the building that have to lie all around it", low=2
+    )
+    open_side: float = parameter(
+        100.0, "Maximum angle at such a point within which none of them lies; in the sky it is 180 or more",
+        "degrees", high=360,
+    )  # fmt: skip
     neighbour: float = parameter(1.0, "Distance to a neighbour within which a point may belong to either", "m")
     hulls: HullOptions = HullOptions()
 
@@ -117,8 +125,10 @@ def suggest_clicks(
         visible = drawn.owner[index] == number
         inward = _depth(visible)
         outward = _depth(render_mesh(alone, view).face < 0)
+        on = sides.on[owner]
+        on[on] = enclosed(pixels[on], options)
         positive = _spread(
-            *_kept(pixels, sides.on[owner], inward, factor, options.inside),
+            *_kept(pixels, on, inward, factor, options.inside),
             _inmost(
                 render_mesh(core, view).face >= 0, visible & ~_near_others(drawn.owner[index], number, options), options
             ),
@@ -175,6 +185,22 @@ def _kept(
     found = depth[np.minimum(v, depth.shape[0] - 1), np.minimum(u, depth.shape[1] - 1)]
     kept = (found >= least) & (found <= most)
     return chosen[kept], np.asarray(found[kept], np.float64)
+
+
+def enclosed(pixels: Array, options: ClickOptions) -> Bools:
+    """Tell which points on a building [N, 2] others enclose, [N].
+
+    Where a gable or a corner stands before the sky, points of wrong matches and of large features lie beside it, within
+    the hull, which is higher: all others then lie on one side of them.
+    """
+    count = min(options.around, len(pixels) - 1)
+    if count < 2:
+        return np.zeros(len(pixels), bool)
+    _, near = cKDTree(pixels).query(pixels, k=count + 1)
+    toward = pixels[near[:, 1:]] - pixels[:, None]
+    angle = np.sort(np.arctan2(toward[..., 1], toward[..., 0]), axis=1)
+    gap = np.diff(angle, axis=1, append=angle[:, :1] + 2 * np.pi).max(1)
+    return np.asarray(gap <= np.radians(options.open_side))
 
 
 def _inmost(core: Bools, visible: Bools, options: ClickOptions) -> tuple[Array, Array]:
