@@ -75,7 +75,7 @@ class Config:
     device: str = option("auto", "run", "Device that trains the field", choices=("auto", "cpu", "cuda"), advanced=False)
     threads: int = option(0, "run", "Number of worker threads; 0 uses all cores", low=0, high=256)
     memory: float = option(0.0, "run", "Maximum memory of the job; 0 uses three quarters of the free memory", low=0, high=100_000, unit="GB", advanced=False)
-    blocks: int = option(1, "run", "Number of blocks in which a very large building is meshed, one after another: more take less memory", low=1, high=1000)
+    blocks: int = option(1, "run", "Number of blocks in which a very large building is meshed, one after another; more blocks need less memory", low=1, high=1000)
     seed: int = option(0, "run", "Random seed. The same seed and number of threads give the same mesh", low=0, high=2**31 - 1)
     checkpoint_seconds: float = option(60.0, "run", "Time between two checkpoints of the training", low=1, high=86400, unit="s")
 
@@ -87,11 +87,11 @@ class Config:
 
     # masks
     use_masks: bool = option(True, "masks", "Mask the building; off meshes whole photos, and no step uses masks")
-    masked_points: bool = option(True, "masks", "Start from the points on the building only (ablation b)")
+    masked_points: bool = option(True, "masks", "Start from the sparse points on the building only (ablation b)")
     segmenter: str = option("auto", "masks", "Segmentation method of the masks", choices=("auto", "random_walker", "efficientsam"))
     weights: str = option("", "masks", "Folder of the EfficientSAM weights; empty uses the user's cache folder", path="folder")
     second_level: str = option("auto", "masks", "Segment elements of the building (windows, doors, wall fields); auto does so if a part was clicked or a loss needs them", choices=("auto", "on", "off"))
-    voters: str = option("all", "masks", "Masks that vote on points and Gaussians, eq. 3 and 22: those of all photos, or of the root photos only", choices=("all", "roots"))
+    voters: str = option("all", "masks", "Masks that vote on points and Gaussians (eq. 3 and 22): of all photos, or only of the root photos, which have clicks", choices=("all", "roots"))
     strict_vote: bool = option(False, "masks", "Require a point to lie inside every root mask (eq. 3 as printed)")
     vote_tolerance: float = option(0.1, "masks", "Maximum share of votes against a point", low=0, high=1)
     vote_dilation: int = option(3, "masks", "Dilation of the masks before points are tested against them", low=0, high=100, unit="px")
@@ -99,7 +99,7 @@ class Config:
     mask_margin: float = option(0.008, "masks", "Width of the background margin that is trained along with the building, as a share of the photo's longest side", low=0, high=0.2)
 
     # field
-    iterations: int = option(0, "field", "Number of training iterations; 0 derives it from passes and the number of photos", low=0, high=1_000_000)
+    iterations: int = option(0, "field", "Number of training iterations; 0 computes it from passes and the number of photos", low=0, high=1_000_000)
     passes: int = option(50, "field", "Training iterations per photo; fewer than 20 photos count as 20, more than 60 as 60. 0 skips the training", low=0, high=1000)
     holdout_every: int = option(8, "field", "Keep every n-th photo out of training, to measure the quality; 0 trains on all photos", low=0, high=1000)
     max_gaussians: int = option(120_000, "field", "Maximum number of Gaussians", low=100, high=10_000_000)
@@ -120,10 +120,10 @@ class Config:
     normal_lambda: float = option(0.05, "field", "Weight of the normal consistency loss, lambda 4 of eq. 20", low=0, high=1000)
     geometry_from: float = option(0.4, "field", "Share of the training after which the distortion and normal losses start", low=0, high=1)
     geometry_every: int = option(3, "field", "Apply the distortion and normal losses in every n-th iteration, with n times their weight", low=1, high=100)
-    background_lambda: float = option(0.02, "field", "Weight of the loss that keeps certain background empty", low=0, high=1000)
+    background_lambda: float = option(0.02, "field", "Weight of the loss that penalises opacity on certain background", low=0, high=1000)
     densify_from: float = option(0.05, "field", "Share of the training after which densification starts", low=0, high=1)
     densify_until: float = option(0.6, "field", "Share of the training after which densification stops", low=0, high=1)
-    densify_by: str = option("error", "field", "Criterion of densification: the colour error that a Gaussian answers for, the gradient of its projected centre (3DGS), or that gradient by absolute values (GOF)", choices=("error", "gradient", "absolute_gradient"))
+    densify_by: str = option("error", "field", "Criterion of densification: the colour error attributed to a Gaussian, the gradient of its projected centre (3DGS), or the sum of absolute gradients (GOF)", choices=("error", "gradient", "absolute_gradient"))
     densify_every: int = option(100, "field", "Number of iterations between two rounds of densification and pruning", low=1, high=100000)
     training_votes: bool = option(True, "field", "Prune Gaussians that the masks vote against during the training as well")
     prune_opacity: float = option(0.02, "field", "Minimum opacity of a Gaussian; fainter ones are pruned", low=0, high=1)
@@ -140,10 +140,10 @@ class Config:
     opacity_level: float = option(0.5, "mesh", "Opacity of the isosurface, eq. 26, unless sparse points calibrate it (surface 'opacity' only)", low=0.01, high=0.99)
     level_steps: int = option(8, "mesh", "Maximum number of root-finding steps on each edge that crosses the surface", low=0, high=16)
     merge_flat: bool = option(True, "mesh", "Merge vertices in flat areas of the raw surface")
-    drop_unseen: bool = option(True, "mesh", "Remove parts that no photo shows: unobserved volumes, floating parts, parts away from all clicks")
+    drop_unseen: bool = option(True, "mesh", "Remove parts that no photo shows: unobserved volumes, floating parts, parts far from all clicks")
     face_votes: bool = option(True, "mesh", "Remove faces that most masks show as background, tested per pixel")
     fill_holes: bool = option(True, "mesh", "Close small holes, unless a photo looks through them")
-    span_dents: bool = option(True, "mesh", "Replace dents that no photo confirms by a membrane from their rims")
+    span_dents: bool = option(True, "mesh", "Fill dents that no photo confirms with a smooth membrane spanned over their rim")
     smoothing: int = option(2, "mesh", "Number of smoothing rounds over the raw surface; 0 turns it off", low=0, high=1000)
     flatten: bool = option(True, "mesh", "Project nearly planar regions onto their planes, and vertices between two planes onto their common edge")
     face_error: float = option(0.25, "mesh", "Maximum distance between the simplified and the full mesh, in pixels of the nearest photo; 0 only keeps to max_faces", low=0, high=100, unit="px")
@@ -161,7 +161,7 @@ class Config:
     render_all: bool = option(False, "deliver", "Render the views of all photos, not only of the held-out ones")
 
     # georef
-    gps: str = option("auto", "georef", "Use the GPS of the photos for metres, up and north, if four or more have it and they are not on a line", choices=("auto", "off"))
+    gps: str = option("auto", "georef", "Use the GPS positions of the photos for scale, up and north; needs at least four positions that are not on a line", choices=("auto", "off"))
     crs: str = option("", "georef", "Coordinate reference system of the results, such as EPSG:25832; auto for the UTM zone, empty for a local frame in metres")
     control: str = option("", "georef", "Control and check points: name, east, north, height, accuracy, role (CSV, or the files of Metashape or OpenDroneMap)", path="file")
     marks: str = option("", "georef", "Positions of the points in the photos: name, photo, x, y in pixels of the original photo (CSV)", path="file")

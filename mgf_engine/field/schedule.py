@@ -50,7 +50,7 @@ class LearningRates:
     decay_from: float = parameter(
         0.6, "Share of the training after which all learning rates but that of the positions fall linearly", high=0.999
     )
-    decay_to: float = parameter(0.2, "Factor on these learning rates at the end", high=1)
+    decay_to: float = parameter(0.2, "Factor on the decaying learning rates at the end of the training", high=1)
     largest_scale: float = parameter(2.0, "Maximum factor on the learning rates of a run shorter than usual", low=1)
 
     def for_extent(self, extent: float) -> LearningRates:

@@ -20,9 +20,11 @@ class ControlPointOptions:
         5.0, "Residual from which a control point is left out, in standard deviations of its coordinates"
     )
     tolerated: float = parameter(
-        0.01, "Residual that is tolerated in any case, as a share of the extent of the control points"
+        0.01, "Residual that is always tolerated, as a share of the extent of the control points"
     )
-    tolerated_bent: float = parameter(0.05, "Such a share before the cameras are adjusted to the control points")
+    tolerated_bent: float = parameter(
+        0.05, "Residual that is tolerated before the cameras are adjusted, as a share of that extent"
+    )
 
 
 @dataclass(frozen=True)

@@ -40,10 +40,12 @@ class MeshBorderOptions:
     )
     snap: float = parameter(0.25, "Share of an edge below which its end moves onto the cut", high=0.5)
     photos: int = parameter(
-        1, "Number of photos that must show a face that hangs together with the border; 0 leaves all", low=0
+        1, "Number of photos that must show a face connected to the border; 0 keeps all faces", low=0
     )
     fallen: float = parameter(
-        0.01, "Minimum area of what the fringe held, as a share of the largest part; smaller pieces go with it", high=1
+        0.01,
+        "Minimum area of a piece disconnected by trimming, as a share of the largest part; smaller ones are removed",
+        high=1,
     )
     weights: tuple[float, float] = parameter((0.05, 3.0), "Bounds of the cotangent weights of edges", low=1e-3)
 

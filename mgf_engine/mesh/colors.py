@@ -28,7 +28,7 @@ class ColorOptions:
     """Options of vertex colours."""
 
     best: int = parameter(
-        5, "Number of photos that share in the colour of a vertex: those that see it largest and straightest", low=1
+        5, "Number of photos blended at a vertex: those that see it largest and most frontally", low=1
     )
     least_facing: float = parameter(0.1, "Minimum cosine of the angle at which a photo sees a vertex", high=1)
     outlier: float = parameter(

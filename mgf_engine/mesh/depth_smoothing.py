@@ -35,7 +35,7 @@ class SmoothingOptions:
     )
     jump: float = parameter(2.0, "Second difference from which pixels show separate surfaces", "px")
     unmatched: float = parameter(
-        0.05, "Precision of depths without a match, as a share of the median of the others", low=1e-6
+        0.05, "Precision of depths without a match, as a share of the median of matched depths", low=1e-6
     )
     rounds: int = parameter(3, "Number of rounds of reweighting")
     steps: int = parameter(12, "Number of conjugate-gradient steps in each round")

@@ -22,9 +22,11 @@ class HullOptions:
     """Options of the visual hull (the option ``visual_hull`` turns it on)."""
 
     share: float = parameter(
-        0.25, "Share of the photos that must call a point background for it to be free, of those that judge it", high=1
+        0.25,
+        "Minimum share of the photos that see a point as background for it to be free, among those that see it",
+        high=1,
     )
-    views: int = parameter(2, "Number of photos that may call a point background that as many show on the building")
+    views: int = parameter(2, "Number of photos that may see a point as background if as many see it on the building")
     carve: bool = job_option("visual_hull")
 
 

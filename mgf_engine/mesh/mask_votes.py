@@ -25,9 +25,9 @@ from mgf_engine.model.scene import View
 class MaskVoteOptions:
     """Options of the vote of the masks on faces."""
 
-    rounds: int = parameter(3, "Number of rounds; faces behind removed ones are judged in the next", low=1)
+    rounds: int = parameter(3, "Number of rounds; a later round tests faces that were hidden by removed ones", low=1)
     majority: float = parameter(0.5, "Minimum share of a face's pixels that masks show as building", high=1)
-    spread: int = parameter(2, "Number of times each vote is averaged with those of the neighbouring faces")
+    spread: int = parameter(2, "Number of times that the vote of a face is averaged with those of its neighbours")
 
 
 def cut_background(

@@ -31,16 +31,18 @@ class ExtractionOptions:
     """All options of the mesh extraction: those that several steps share, options of the job, and of each step."""
 
     calibration_error: float = parameter(
-        1.0, "Reprojection error below which a sparse point calibrates the level of the surface", "px"
+        1.0, "Maximum reprojection error of a sparse point for calibration of the level", "px"
     )
-    calibration_track: int = parameter(3, "Minimum number of photos that observed such a point", low=1)
+    calibration_track: int = parameter(
+        3, "Minimum number of photos that observed a sparse point for calibration", low=1
+    )
     neighbours: int = parameter(4, "Number of photos that each photo's depths are matched with", low=1)
     opacity_reach: float = parameter(2.0, "Maximum distance that an opacity surface moves to the matched depths", "px")
     made_up: float = parameter(
-        0.005, "Area up to which a patch that no view shows may stay, as a share of the mesh's area", high=1
+        0.005, "Maximum area of a patch that no photo shows, as a share of the mesh's area", high=1
     )
     beside_box: float = parameter(
-        0.1, "Distance beside the crop box up to which Gaussians span the surface, as a share of its size"
+        0.1, "Margin of the crop box within which Gaussians span the surface, as a share of its size"
     )
     small_hole: int = parameter(60, "Length of the rim below which a hole is closed", "ground px")
 

@@ -30,7 +30,7 @@ _PIECE = 20_000  # places compared at a time: some 20 MB
 class PatchOptions:
     """Options of comparing patches between photos."""
 
-    views: int = parameter(4, "Number of photos that a patch is compared in, those that see it best", low=2)
+    views: int = parameter(4, "Number of photos, those that see a vertex best, in which its patch is compared", low=2)
     radius: int = parameter(2, "Half the side of a patch", "ground px", low=1)
     behind: float = parameter(4.0, "Distance behind the nearest surface up to which a vertex is seen", "ground px")
     facing: float = parameter(0.17, "Minimum cosine between a vertex's normal and the ray to the camera", high=1)

@@ -15,10 +15,10 @@ class PlanarOptions:
     least_area: float = parameter(400.0, "Minimum area of a plane", "ground px²")
     least_width: float = parameter(6.0, "Minimum width of a plane", "ground px")
     seed_side: float = parameter(10.0, "Side of the cells in which planes begin", "ground px", low=0.1)
-    seed_area: float = parameter(25.0, "Minimum area of the faces of such a cell", "ground px²")
-    seed_even: float = parameter(0.95, "Minimum length of the mean normal of such a cell", high=1)
+    seed_area: float = parameter(25.0, "Minimum area of the faces of a seed cell", "ground px²")
+    seed_even: float = parameter(0.95, "Minimum length of the mean normal of a seed cell", high=1)
     seed_coarse: int = parameter(
-        4, "Number of such cells along a coarse cell; the best of each coarse cell is tried first", low=1
+        4, "Number of seed cells along a coarse cell; the best of each coarse cell is tried first", low=1
     )
     tries: int = parameter(400, "Maximum number of cells in which a plane is begun")
     radii: tuple[float, float, float] = parameter(
@@ -31,10 +31,10 @@ class PlanarOptions:
     turn: float = parameter(30.0, "Maximum angle between a plane and the smoothed normals of its faces", "degrees")
     sigmas: float = parameter(3.0, "Distance that counts as noise, in standard deviations")
     bend_cell: float = parameter(
-        12.0, "Side of the cells whose means tell whether a plane is bent", "ground px", low=0.1
+        12.0, "Side of the cells whose mean distances from the plane test for curvature", "ground px", low=0.1
     )
-    bend_area: float = parameter(30.0, "Minimum area of such a cell", "ground px²")
-    waves: float = parameter(0.6, "Maximum root mean square of those means", "ground px")
+    bend_area: float = parameter(30.0, "Minimum area of the faces of such a cell of the curvature test", "ground px²")
+    waves: float = parameter(0.6, "Maximum root mean square of the cells' mean distances from a plane", "ground px")
     bows: tuple[float, float] = parameter(
         (0.06, 0.3), "Bounds of the noise that a paraboloid through the faces must not exceed", "ground px"
     )

@@ -32,7 +32,7 @@ class PlaneLabelOptions:
 
     reach: float = parameter(6.0, "Maximum distance of a vertex from its plane", "ground px")
     rings: int = parameter(20, "Maximum number of edges between a vertex and the faces that the plane was found on")
-    trusted_distance: float = parameter(1.0, "Distance up to which photos are not asked", "ground px")
+    trusted_distance: float = parameter(1.0, "Distance from the plane up to which photos are not compared", "ground px")
     no_plane_cost: float = parameter(0.1, "Cost of a vertex without plane")
     distance_cost: float = parameter(0.1, "Cost of the maximum distance from the plane")
     small_plane_cost: float = parameter(0.1, "Cost of a plane that is small or noisy")

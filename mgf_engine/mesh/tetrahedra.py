@@ -36,9 +36,11 @@ class TetrahedraOptions:
 
     reach: float = parameter(3.0, "Largest half side of a Gaussian's box, in standard deviations", low=0.1)
     spacing: float = parameter(3.0, "Distance between points beside the starting surface", "ground px", low=0.1)
-    off: float = parameter(1.5, "Distance of those points from the surface", "ground px", low=0.01)
+    off: float = parameter(1.5, "Distance from the starting surface of the points beside it", "ground px", low=0.01)
     near: float = parameter(
-        2.0, "Distance to a point of a Gaussian within which the surface needs no points of its own", "ground px"
+        2.0,
+        "Distance to a point of a Gaussian within which no points are added beside the starting surface",
+        "ground px",
     )
 
 

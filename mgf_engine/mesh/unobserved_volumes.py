@@ -23,10 +23,12 @@ from mgf_engine.model.mesh import Mesh
 class UnobservedVolumeOptions:
     """Options of the removal of volumes that no photo shows."""
 
-    thick: float = parameter(45.0, "Maximum thickness of such a volume", "ground px")
+    thick: float = parameter(45.0, "Maximum thickness of a removed volume", "ground px")
     thick_share: float = parameter(0.05, "Maximum thickness, as a share of the mesh's size", high=1)
     probes: tuple[float, float, float] = parameter(
-        (1 / 3, 2 / 3, 1.0), "Depths behind the surface at which free space is sought, as shares of that", high=1
+        (1 / 3, 2 / 3, 1.0),
+        "Depths behind the surface at which free space is tested, as shares of the maximum thickness",
+        high=1,
     )
     smallest: float = parameter(
         0.0005, "Minimum area of a patch, as a share of the mesh; smaller ones close holes", high=1

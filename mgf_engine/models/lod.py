@@ -40,7 +40,9 @@ class LodOptions:
         0.92, "Overlap of the silhouettes below which a level gets more faces than wanted", high=1
     )
     more_faces: tuple[float, float, float] = parameter(
-        (1.5, 2.0, 3.0), "Number of faces that such a level gets at most, in wanted numbers, tried in turn", low=1
+        (1.5, 2.0, 3.0),
+        "Factors on the wanted number of faces of a level with too little silhouette overlap, tried in turn",
+        low=1,
     )
     samples: int = parameter(25_000, "Number of points at which the two decimations of a level are compared", low=100)
     aggressiveness: float = parameter(

@@ -43,16 +43,20 @@ class AdjustOptions:
         0.6, "Maximum share of the error that may be left; a model adjusted before cannot lose as much", high=1
     )
     most_photos: int = parameter(600, "Number of photos beyond which the model is taken as it is", low=3)
-    most_points: int = parameter(3000, "Maximum number of points that settle the cameras, beside the next", low=8)
-    points_per_photo: int = parameter(60, "Number of points that each photo should see", low=1)
+    most_points: int = parameter(
+        3000, "Maximum number of points in the bundle adjustment, beside those of points_per_photo", low=8
+    )
+    points_per_photo: int = parameter(60, "Number of points in the bundle adjustment that each photo should see", low=1)
     rounds: int = parameter(
         Task.rounds, "Number of bundle adjustments, each with a smaller loss scale, while that falls", low=1
     )
     least_scale: float = parameter(
         Task.least_scale, "Minimum scale of Cauchy's loss in bundle adjustment", "px", low=1e-3
     )
-    outlier: float = parameter(4.0, "Reprojection error beyond which an observation is an outlier, plus the next", "px")
-    outlier_factor: float = parameter(3.0, "Factor on the first decile of all reprojection errors")
+    outlier: float = parameter(
+        4.0, "Minimum reprojection error of an outlier; outlier_factor times the first decile is added", "px"
+    )
+    outlier_factor: float = parameter(3.0, "Factor on the first decile of all reprojection errors, added to outlier")
 
 
 def adjust_if_inconsistent(

@@ -33,16 +33,18 @@ class CoarseStereoOptions:
         0.2, "Share of the textured pixels about which two photos agree below which photos are reduced", high=1
     )
     neighbourhood: int = parameter(9, "Side of the square around a click in which its texture is judged", "px", low=1)
-    textured: float = parameter(0.5, "Minimum share of textured pixels there", high=1)
+    textured: float = parameter(0.5, "Minimum share of textured pixels around a click", high=1)
     confirmed: float = parameter(
-        0.3, "Share of pixels there about which two photos agree from which all is well", high=1
+        0.3,
+        "Share of the pixels around a click where two photos agree, from which reduced photos are not needed",
+        high=1,
     )
     least_clicks: float = parameter(
         0.75, "Share of the clicks on texture without agreement from which reduced photos are matched for the masks",
         low=0.01, high=1,
     )  # fmt: skip
     most_clicks: float = parameter(
-        0.4, "Share of them on texture without agreement in reduced photos, too, above which they are unused (mirrors)",
+        0.4, "Share of the clicks without agreement in reduced photos, too, above which these are not used (mirrors)",
         high=1,
     )  # fmt: skip
     longest_side: int = parameter(750, "Longest side of a photo before it is reduced", "px", low=48)
@@ -50,7 +52,9 @@ class CoarseStereoOptions:
     blur: float = parameter(1.0, "Standard deviation by which reduced photos are blurred", "px")
     window: int = parameter(4, "Half width of the window of semi-global matching", "px", low=0, high=10)
     neighbours: int = parameter(8, "Number of photos that each photo is compared with by PatchMatch", low=1, high=8)
-    best: int = parameter(4, "Number of them, the most alike ones, that judge a plane", low=1, high=4)
+    best: int = parameter(
+        4, "Number of compared photos, those with the highest correlation, that rate a plane", low=1, high=4
+    )
     rounds: int = parameter(4, "Number of rounds of PatchMatch", low=1)
     deviation: float = parameter(0.5, "Minimum standard deviation of a patch's brightness", "grey levels")
     score: float = parameter(0.4, "Minimum correlation of a depth", high=1)

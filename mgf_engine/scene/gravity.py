@@ -40,9 +40,9 @@ class GravityOptions:
     least_length: float = parameter(0.04, "Minimum length of an edge, as a share of the photo's longest side", high=1)
     grid_photos: int = parameter(8, "Minimum number of photos of an aerial grid that looks straight down", low=3)
     grid_alignment: float = parameter(
-        0.97, "Minimum length of the mean viewing direction of such a grid (1 all look the same way)", high=1
+        0.97, "Minimum length of the mean viewing direction of an aerial grid (1 if all look the same way)", high=1
     )
-    grid_width: float = parameter(0.3, "Minimum width of such a grid, as a share of its length", high=1)
+    grid_width: float = parameter(0.3, "Minimum width of an aerial grid, as a share of its length", high=1)
 
 
 @dataclass(frozen=True)

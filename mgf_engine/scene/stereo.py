@@ -51,7 +51,7 @@ class StereoOptions:
     speckle_size: int = parameter(
         40, "Size up to which patches of other disparity are dropped (speckleWindowSize)", "px"
     )
-    speckle_range: int = parameter(2, "Change of disparity within such a patch (speckleRange)", "px")
+    speckle_range: int = parameter(2, "Maximum change of disparity within a speckle (speckleRange)", "px")
 
     neighbours: NeighbourOptions = NeighbourOptions()
 

@@ -25,14 +25,14 @@ class VisibilityOptions:
     """Options of which photos show which faces."""
 
     large: float = parameter(12.0, "Area from which a face is tested by pixels, smaller ones by corners", "px²")
-    shown: float = parameter(0.75, "Share of such a face's area that must show in the mask", high=1)
+    shown: float = parameter(0.75, "Share of a large face's area that must be visible inside the mask", high=1)
     other_color: float = parameter(
         25.0,
-        "Difference from the blended vertex colours that means something else (leaves, reflections)",
+        "Difference from the blended vertex colours above which a photo shows something else (leaves, reflections)",
         "grey levels",
     )
-    odd_weight: float = parameter(0.01, "Weight of a face's size in a photo that shows it in such a colour")
-    border: float = parameter(1.5, "Width of the border of a photo that paints nothing", "px")
+    odd_weight: float = parameter(0.01, "Weight of a face's size in a photo that shows it in a deviating colour")
+    border: float = parameter(1.5, "Width of the border of a photo that is not used for texture", "px")
     hidden: float = parameter(
         0.01, "Distance behind the visible surface from which a place is hidden, as a share of its depth"
     )

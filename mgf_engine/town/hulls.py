@@ -30,7 +30,7 @@ class HullOptions:
     )
     lowest: float = parameter(2.0, "Minimum height of a building", "m")
     above: float = parameter(1.2, "Height above the ground at which a building begins", "m")
-    least_points: int = parameter(8, "Minimum number of points that tell a height", low=4)
+    least_points: int = parameter(8, "Minimum number of points for the height of a building", low=4)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ class FloaterOptions:
     depth: float = parameter(
         0.013, "Distance from the edge of the sky from which a point before it floats, share of the longer side", high=1
     )
-    photos: int = parameter(2, "Minimum number of photos that must show sky behind such a point", low=1)
+    photos: int = parameter(2, "Minimum number of photos that must show sky behind a floater", low=1)
 
 
 def sky_behind(

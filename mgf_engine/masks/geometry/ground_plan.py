@@ -24,11 +24,15 @@ class GroundPlanOptions:
     """Options of the ground plan."""
 
     side: int = parameter(64, "Number of cells along the longer side of the plan", low=4)
-    gap: float = parameter(0.05, "Half width of gaps between points that are closed, as a share of that side", high=1)
+    gap: float = parameter(
+        0.05, "Half width of gaps between points that are closed, as a share of the longer side of the plan", high=1
+    )
     percentiles: tuple[float, float] = parameter(
         (0.5, 99.5), "Percentiles of the points that the longer side lies between", high=100
     )
-    beyond: float = parameter(0.0625, "Distance beyond them up to which points count, as a share of that side")
+    beyond: float = parameter(
+        0.0625, "Distance beyond the percentiles up to which points count, as a share of the longer side of the plan"
+    )
     piece: float = parameter(0.1, "Minimum area of a piece, as a share of the largest one", high=1)
 
 

@@ -32,7 +32,7 @@ class SurfaceOptions:
     disc: float = parameter(0.9, "Radius of the disc around a point on a flat surface", "point spacings")
     flat: float = parameter(0.6, "Flatness from which a point has a surface", high=1)
     cell: float = parameter(0.5, "Minimum distance between samples", "point spacings", low=0.01)
-    splat: float = parameter(0.8, "Radius of a sample where the surface is drawn, as a share of that distance")
+    splat: float = parameter(0.8, "Radius of a rendered sample, as a share of the minimum distance between samples")
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class SilhouetteConsistencyOptions:
     cells: int = parameter(96, "Number of cells along the longest side of the box", low=8)
     padding: float = parameter(0.2, "Space around the points of the building, as a share of the longest side")
     percentiles: tuple[float, float] = parameter(
-        (0.5, 99.5), "Percentiles of these points that the box lies between", high=100
+        (0.5, 99.5), "Percentiles of the building's points that bound the box", high=100
     )
     softness: float = parameter(
         0.4, "Width of the range of probability, around a half, in which a region is neither in nor out", low=0.01
@@ -42,10 +42,12 @@ class SilhouetteConsistencyOptions:
     )
     least_views: int = parameter(3, "Minimum number of other photos that must have a cell in their frame", low=1)
     shares: tuple[float, float, float] = parameter(
-        (0.7, 0.9, 0.99), "Shares of the photos that speak against the building, for neither, and for it", high=1
+        (0.7, 0.9, 0.99),
+        "Shares of the photos around a cell: against the building, neutral, and for the building",
+        high=1,
     )
-    odds_against: float = parameter(-3.0, "Odds at the first of these shares", low=None)
-    odds_for: float = parameter(1.0, "Odds at the last of them", low=None)
+    odds_against: float = parameter(-3.0, "Log-odds at the first of the shares", low=None)
+    odds_for: float = parameter(1.0, "Log-odds at the last of the shares", low=None)
     carved: float = parameter(0.3, "Share of the photos below which a cell is not looked at again", high=1)
 
 

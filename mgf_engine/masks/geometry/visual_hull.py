@@ -43,7 +43,7 @@ class MaskHullOptions:
     percentiles: tuple[float, float] = parameter(
         (3.0, 97.0), "Percentiles of the sparse points between which the first box lies", high=100
     )
-    padding: float = parameter(0.2, "Space around them, as a share of the longest side")
+    padding: float = parameter(0.2, "Padding of this box, as a share of its longest side")
 
 
 def hull_cells(

@@ -28,7 +28,7 @@ class PromptAgreementOptions:
     """Options of clicks in several photos that confirm each other."""
 
     near: float = parameter(
-        0.06, "Radius around a click in which sparse points tell its distance, as a share of the photo's width", high=1
+        0.06, "Radius around a click in which sparse points bound its depth, as a share of the photo's width", high=1
     )
     least_points: int = parameter(3, "Minimum number of sparse points around a click", low=1)
     reach: float = parameter(

@@ -61,14 +61,16 @@ class RandomWalkerOptions:
         0.3, "Weight of certain appearance of regions tied to the building although no point of it is near"
     )
     tied: tuple[float, float] = parameter(
-        (0.4, 0.7), "Probabilities between which far_odds and ground_first_odds of such regions fade", high=1
+        (0.4, 0.7),
+        "Probabilities of being connected to the building between which far_odds and ground_first_odds fade",
+        high=1,
     )
     termination: float = parameter(
         0.02, "Probability per step that the first random walk ends, which limits the reach of a click"
     )
     rounds: int = parameter(4, "Number of rounds of appearance, geometry and propagation", low=1, high=100)
     silhouette_rounds: int = parameter(
-        1, "Number of times that the silhouettes of the other photos are asked, after these rounds", high=100
+        1, "Number of further rounds with the silhouettes of the other photos as evidence", high=100
     )
     silhouettes: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions()
     floaters: FloaterOptions = FloaterOptions()

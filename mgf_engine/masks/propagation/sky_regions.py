@@ -32,11 +32,13 @@ class SkyOptions:
     points_share: float = parameter(0.03, "Share of the usual density of sparse points above which a piece is no sky")
     smallest: float = parameter(0.004, "Minimum size of a piece of sky, as a share of the photo", high=1)
     large: float = parameter(
-        0.03, "Size from which one wrong point does not speak against a piece, as a share of the photo", high=1
+        0.03, "Size from which a piece of sky may contain one wrong point, as a share of the photo", high=1
     )
     top_share: float = parameter(0.02, "Share of the top edge of the photo that a piece of sky must touch", high=1)
     gradient_step: float = parameter(4.0, "Maximum colour distance of a region from the even change of a clear sky")
-    gradient_spread: float = parameter(5.0, "That distance in a cloudy sky, as a factor of the median distance")
+    gradient_spread: float = parameter(
+        5.0, "Maximum colour distance of a region in a cloudy sky, as a factor of the median distance"
+    )
     skyline_reach: float = parameter(
         0.016, "Distance from the sky in which the skyline is drawn, as a share of the longer side", high=1
     )

@@ -32,9 +32,13 @@ class FarBackgroundOptions:
 
     rim: int = parameter(3, "Distance between the mask and the background that is learned from", "px")
     least_pixels: int = parameter(150, "Minimum number of background pixels at an elevation", low=1)
-    spread: float = parameter(2.0, "Colour distance that is still alike, as a factor of the median distance")
-    least: float = parameter(6.0, "Minimum of that colour distance", low=0.1)
-    most: float = parameter(14.0, "Maximum of that colour distance; with more, several things are beside the building")
+    spread: float = parameter(
+        2.0, "Colour distance up to which a pixel is background, as a factor of the median distance"
+    )
+    least: float = parameter(6.0, "Minimum colour distance up to which a pixel is background", low=0.1)
+    most: float = parameter(
+        14.0, "Maximum colour distance up to which a pixel is background; a larger spread means several things"
+    )
     usual: float = parameter(15.0, "Maximum distance of a photo's colour from the median of all photos")
     least_photos: int = parameter(3, "Minimum number of photos that know the colour of an elevation", low=1)
     alike_points: float = parameter(
@@ -48,7 +52,7 @@ class FarBackgroundOptions:
         low=-90,
         high=90,
     )
-    step: float = parameter(0.5, "Step of these elevations", "degrees", low=0.01)
+    step: float = parameter(0.5, "Step between the elevations", "degrees", low=0.01)
 
     @property
     def levels(self) -> int:

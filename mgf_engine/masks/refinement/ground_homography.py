@@ -40,25 +40,27 @@ class GroundHomographyOptions:
     texture: float = parameter(0.5, "Minimum variance of a patch's lightness")
     colour: float = parameter(12.0, "Maximum colour distance of patches")
     raised: tuple[float, float, float] = parameter(
-        (1.5, 4.0, 9.0), "Parallax of planes above the ground that must fit worse", "px"
+        (1.5, 4.0, 9.0), "Parallax of planes above the ground, which must fit worse than the ground", "px"
     )
-    aside: int = parameter(5, "Number of photos, those farthest aside, that are compared through these planes", low=1)
-    better: float = parameter(0.05, "Correlation by which these planes may fit better")
+    aside: int = parameter(
+        5, "Number of photos, those with the largest viewing angle, compared through the raised planes", low=1
+    )
+    better: float = parameter(0.05, "Correlation by which a raised plane may fit better than the ground")
     distinct: float = parameter(
-        0.2, "Correlation by which the highest of these planes must fit worse: boards along the ground fit all of them"
+        0.2, "Correlation by which the highest raised plane must fit worse: boards along the ground fit all of them"
     )
     spread: float = parameter(
-        2.5, "Standard deviation of the window in which pixels of the ground are counted", "px", low=0.1
+        2.5, "Standard deviation of the window in which confirmed pixels of the ground are counted", "px", low=0.1
     )
-    dense: float = parameter(0.35, "Minimum share of confirmed pixels in that window", high=1)
+    dense: float = parameter(0.35, "Minimum share of confirmed pixels in the counting window", high=1)
     smallest: int = parameter(12, "Minimum area of a piece of ground", "px²")
     reach: int = parameter(8, "Distance from confirmed ground in which pixels are possible ground", "px", low=1)
     usual: float = parameter(
         90.0,
-        "Percentile of the colour distances of confirmed ground up to which such pixels are possible ground",
+        "Percentile of the colour distances of confirmed ground up to which pixels within reach are possible ground",
         high=100,
     )
-    tried: int = parameter(12, "Number of photos that tell whether the building is open", low=1)
+    tried: int = parameter(12, "Number of photos that decide whether the building is open", low=1)
     open_share: float = parameter(0.03, "Share of the masks' inside that must be ground for an open building", high=1)
     rim: int = parameter(4, "Distance from the edge from which a pixel counts as inside", "px")
 

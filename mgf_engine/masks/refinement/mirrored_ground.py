@@ -34,14 +34,16 @@ class MirroredGroundOptions:
         100.0, "Horizontal angle between two photos from which they do not look into the same pane", "degrees", high=180
     )
     least_angle: float = parameter(
-        5.0, "Minimum of that angle where a photo sees the ground beside the building", "degrees"
+        5.0, "Minimum horizontal angle to a photo that sees the ground beside the building", "degrees"
     )
     photos: int = parameter(40, "Maximum number of photos that a photo is compared with", low=2)
-    best: int = parameter(3, "Number of the best of them that must agree on average", low=1)
+    best: int = parameter(3, "Number of compared photos, the best ones, whose mean correlation counts", low=1)
     correlation: float = parameter(0.5, "Minimum normalised cross-correlation of patches, mean of a window", high=1)
     texture: float = parameter(1.0, "Minimum standard deviation of a patch's lightness")
-    step: int = parameter(3, "Step from one compared pixel to the next", "px", low=1)
-    spread: float = parameter(8.0, "Standard deviation of the window over which they are averaged", "px", low=0.1)
+    step: int = parameter(3, "Distance between compared pixels", "px", low=1)
+    spread: float = parameter(
+        8.0, "Standard deviation of the window over which correlations are averaged", "px", low=0.1
+    )
     radius: int = parameter(3, "Half the side of the patches", "px", low=1)
     scales: tuple[float, float] = parameter((0.4, 2.5), "Ratio of the distances of two photos from the ground")
     beside: int = parameter(4, "Distance from a mask from which a photo sees the ground beside the building", "px")

@@ -28,15 +28,15 @@ class MirroredSkyOptions:
 
     held: float = parameter(
         0.97,
-        "Share of the other photos that must hold the best place along the rays of a hole for it to be a mirror image",
+        "Share of the other photos whose masks contain the best sample of a hole, from which it is a mirror image",
         low=0.01,
         high=1,
     )
-    samples: int = parameter(48, "Number of places along a ray", low=2)
-    step: int = parameter(3, "Step from one row of rays to the next", "px", low=1)
-    least_views: int = parameter(3, "Minimum number of other photos that must have a place in their frame", low=1)
+    samples: int = parameter(48, "Number of samples along a ray", low=2)
+    step: int = parameter(3, "Distance between rows of rays", "px", low=1)
+    least_views: int = parameter(3, "Minimum number of other photos that have a sample in their frame", low=1)
     percentiles: tuple[float, float] = parameter(
-        (0.5, 99.5), "Percentiles of the building's sparse points that the box of these places lies between", high=100
+        (0.5, 99.5), "Percentiles of the building's sparse points that bound the box of the samples", high=100
     )
     padding: float = parameter(0.03, "Space around them, as a share of the longest side")
 

@@ -29,13 +29,13 @@ class SilhouetteOptions:
     sky_distance: float = parameter(
         5.0, "Colour distance (CIELAB) to the sky around below which a pixel is sky; twice that is something else"
     )
-    sky_spread: float = parameter(
-        1.5, "Minimum of that distance, as a multiple of the 95th percentile in the sky itself"
-    )
+    sky_spread: float = parameter(1.5, "Minimum of sky_distance, as a multiple of the 95th percentile within the sky")
     shrink: int = parameter(4, "Factor by which the photo is reduced for the sky's colour, at least", low=1)
     reduced_side: int = parameter(190, "Longest side of the reduced photo", "px", low=16)
-    photos: int = parameter(3, "Number of photos that must see a cell before the sky", low=1)
-    photo_share: float = parameter(0.25, "Minimum of that number, as a share of the photos with a silhouette", high=1)
+    photos: int = parameter(3, "Number of photos that must show a cell in front of the sky", low=1)
+    photo_share: float = parameter(
+        0.25, "Minimum share of the photos with a silhouette that must show a cell in front of the sky", high=1
+    )
     most_cells: int = parameter(3000000, "Maximum number of cells of the hull", low=8)
     widths: tuple[float, float] = parameter(
         (0.03, 0.1), "Widths of the means of the sky's colour, the second where the first finds none, share of the side"

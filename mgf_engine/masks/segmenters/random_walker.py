@@ -32,7 +32,7 @@ class MaskDrawingOptions:
     )
     radius: float = parameter(0.01, "Radius of the guided filter, as a share of the longer side", high=1)
     near: float = parameter(
-        0.02, "Radius within which points speak for pixels in the second attempt, as a share of the longer side", high=1
+        0.02, "Radius within which points label pixels in the second attempt, as a share of the longer side", high=1
     )
 
 

@@ -26,10 +26,13 @@ class CrossViewOptions:
     """Options of the comparison of masks."""
 
     contradicted: float = parameter(
-        0.35, "Agreement with the others below which a mask is left out (1 all, 0 a random mask)", low=-1, high=1
+        0.35,
+        "Agreement with the other masks below which a mask is left out (1 full agreement, 0 a random mask)",
+        low=-1,
+        high=1,
     )
-    consistent: float = parameter(0.6, "Agreement that the other masks must have among themselves", low=-1, high=1)
-    least_points: int = parameter(15, "Minimum number of points that tell the agreement of a mask", low=1)
+    consistent: float = parameter(0.6, "Minimum agreement of the other masks among themselves", low=-1, high=1)
+    least_points: int = parameter(15, "Minimum number of points for the agreement of a mask", low=1)
 
 
 def find_contradicted_masks(

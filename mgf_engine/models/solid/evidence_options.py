@@ -33,7 +33,9 @@ class EvidenceOptions:
     most_lines: int = parameter(60, "Maximum number of lines that cut the ground plan", low=4)
     same_angle: float = parameter(8.0, "Largest angle between two lines that are merged", "degrees", high=90)
     overhang: float = parameter(4.0, "Largest distance between a wall and its eaves, in details")
-    overhang_share: float = parameter(0.1, "Minimum of that distance, as a share of the building's height")
+    overhang_share: float = parameter(
+        0.1, "Minimum distance between a wall and its eaves, as a share of the building's height"
+    )
     winding: float = parameter(0.35, "Winding number of the mesh from which a place is inside", high=1)
     inside_height: float = parameter(0.45, "Height at which places are tested, as a share of the building's", high=1)
     least_wall: float = parameter(0.004, "Minimum area of a wall, as a share of all walls", high=1)

@@ -24,7 +24,7 @@ from mgf_engine.models.solid.plan_lines import Line2
 class PartyWallOptions:
     """Options of party walls that a mesh alone tells."""
 
-    found: bool = parameter(True, "Find party walls of a building whose neighbours no map tells")
+    found: bool = parameter(True, "Find party walls of a building whose neighbours are not known from a map")
     reach: float = parameter(1.0, "Distance from the plane of a party wall within which the mesh ends, in details")
     beyond: float = parameter(0.02, "Largest share of the mesh beyond the plane", high=1)
     roof: float = parameter(0.8, "Smallest share of the wall's length over which the roof ends in the plane", high=1)
