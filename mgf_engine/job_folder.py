@@ -42,7 +42,7 @@ def read_job(folder: Path) -> dict[str, Any]:
         data["format"]
         _check_stages(data["stages"])
     except FileNotFoundError as error:
-        raise BadInput(f"'{folder}' holds no job; give the folder of one, or a scene to start one.") from error
+        raise BadInput(f"'{folder}' holds no job; give the folder that 'mgf reconstruct' made.") from error
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise BadInput(f"The job file '{path}' cannot be read ({error}); start in a new folder.") from error
     if data["format"] != FORMAT:

@@ -126,3 +126,8 @@ def test_what_another_process_finishes_before_it_lets_go_is_kept(tmp_path: Path,
     with Job.start(tmp_path / "job", resume=True):
         pass
     assert set(read_job(tmp_path / "job")["stages"]) == {"scene", "masks", "field"}
+
+
+def test_a_folder_without_a_job_is_said(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="holds no job; give the folder that 'mgf reconstruct' made"):
+        read_job(tmp_path)

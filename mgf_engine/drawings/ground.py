@@ -29,7 +29,7 @@ def ground_of(survey: Survey, facades: list[Facade]) -> Ground:
     from mgf_engine.drawings.facades import plan_frame
 
     frame = plan_frame(survey, facades)
-    grid = plan_grid(frame, float(frame.size.max()) / _PIXELS, survey.unit)
+    grid = plan_grid(frame, float(frame.size.max()) / _PIXELS)
     seen = render_grid(survey, grid)
     return find_ground(survey, seen.face >= 0, seen.grid)
 

@@ -205,4 +205,4 @@ def _sections(work: Work, frames: Sequence[Frame]) -> None:
 
 def _grid(work: Work, frame: Frame) -> Grid:
     resolution = work.wanted.resolution or round_resolution(work.survey.pixel)
-    return plan_grid(frame, resolution, work.survey.unit)
+    return plan_grid(frame, resolution)

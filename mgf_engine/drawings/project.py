@@ -64,7 +64,7 @@ class GridBuffers:
         return self.grid.frame.to_local(np.column_stack([at, self.before.ravel()[index]]))
 
 
-def plan_grid(frame: Frame, resolution: float, unit: str) -> Grid:
+def plan_grid(frame: Frame, resolution: float) -> Grid:
     """Return the grid over all of a frame.
 
     Raises:
@@ -75,7 +75,7 @@ def plan_grid(frame: Frame, resolution: float, unit: str) -> Grid:
     if width * height > MOST_PIXELS:
         fits = round_resolution(resolution * float(np.sqrt(width * height / MOST_PIXELS)) * 1.5)
         raise BadInput(
-            f"A drawing of '{frame.name}' at {1000 * resolution:g} m{unit} per pixel has {width} x {height} pixels; "
+            f"A drawing of '{frame.name}' at {1000 * resolution:g} mm per pixel has {width} x {height} pixels; "
             f"give --resolution {1000 * fits:g} or more."
         )
     return Grid(

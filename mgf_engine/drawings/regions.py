@@ -90,7 +90,7 @@ def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOp
     """
     pixel = survey.working_pixel
     resolution = max(options.pixel * pixel, float(frame.size.max()) / options.longest_side)
-    seen = render_grid(survey, plan_grid(frame, resolution, survey.unit))
+    seen = render_grid(survey, plan_grid(frame, resolution))
     slope = _slopes(planes, frame)
     plane = planes.label[np.maximum(seen.face, 0)]
     label = np.where(seen.face < 0, NOTHING, np.where(plane >= 0, plane + 1, LOOSE)).astype(np.int32)

@@ -14,6 +14,7 @@ from support.job_of_house import WINDOWS, FinishedJob
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import facade_through, find_facades
 from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.model import Frame
 from mgf_engine.drawings.orthophoto import unseen_text
 from mgf_engine.drawings.project import plan_grid, render_grid
 from mgf_engine.errors import BadInput
@@ -89,7 +90,7 @@ def test_heights_from_above_are_those_of_the_roof(drawings: Path) -> None:
 def test_a_facade_without_photos_is_said(finished: FinishedJob) -> None:
     survey = read_survey(finished.folder)
     frame = find_facades(survey)[0].frame
-    seen = render_grid(survey, plan_grid(frame, 0.02, survey.unit))
+    seen = render_grid(survey, plan_grid(frame, 0.02))
     image = np.full((*seen.face.shape, 4), 255, np.uint8)
     assert unseen_text("A", image, seen) is None
     image[:, : image.shape[1] * 7 // 10, 3] = 0
@@ -103,3 +104,10 @@ def test_a_facade_beside_the_building_is_refused(finished: FinishedJob) -> None:
     points = np.array([(50.0, 50, 0), (58, 50, 0), (58, 50, 3)])
     with pytest.raises(BadInput, match="misses the building by"):
         facade_through(survey, points, "facade-1")
+
+
+def test_too_fine_a_resolution_is_refused_in_millimetres_with_one_that_fits() -> None:
+    frame = Frame("A", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.zeros(2), np.array([25.0, 20.0]))
+    with pytest.raises(BadInput, match=r"'A' at 0\.01 mm per pixel has .* give --resolution [\d.]+ or more\.$") as told:
+        plan_grid(frame, 1e-5)
+    plan_grid(frame, float(str(told.value).split("--resolution ")[1].split()[0]) / 1000)

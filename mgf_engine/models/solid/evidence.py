@@ -76,7 +76,7 @@ def gather_evidence(
     coarse = replace(survey, working_pixel=max(survey.working_pixel, 0.25 * detail))
     regions = find_regions(coarse, survey_planes(coarse, options.planes), plan_frame(survey, []), options.regions)
     grid = regions.grid
-    seen = render_grid(survey, plan_grid(grid.frame, grid.resolution, survey.unit))
+    seen = render_grid(survey, plan_grid(grid.frame, grid.resolution))
     height = np.where(seen.face >= 0, seen.before, np.nan).astype(np.float64)
     bottom = float(np.percentile(survey.mesh.vertices[:, 2], 0.5))
     top = float(np.nanpercentile(height, 90)) if np.isfinite(height).any() else float(survey.mesh.vertices[:, 2].max())

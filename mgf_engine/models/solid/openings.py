@@ -44,7 +44,7 @@ def add_openings(solid: Solid, survey: Survey, options: OpeningOptions = Opening
         frame = _frame(solid, face) if face.kind == WALL else None
         if frame is None:
             continue
-        seen = render_grid(survey, plan_grid(frame, round_resolution(survey.working_pixel), survey.georeference.unit))
+        seen = render_grid(survey, plan_grid(frame, round_resolution(survey.working_pixel)))
         boxes, _ = part_shapes(part_shares(survey, painting, visibility, seen, options.parts), options.parts)
         near = np.abs(seen.before) < options.wall_distance * solid.detail
         holes = []
