@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""MGF engine: photos of a building in, a clean mesh of that building out.
+"""MGF engine: reconstruct a clean mesh of a building from photos.
 
     import mgf_engine as mgf
     job = mgf.reconstruct("photos", "prompts.json", "job")
 
-Data flows one way, scene -> masks -> field -> mesh -> deliver; every stage reads what the one before left in the job
-folder. The steps are functions as well: :func:`read_scene`, :func:`make_masks`, :func:`train`, :func:`extract_mesh`,
-:func:`render`, :func:`evaluate`. They are loaded when they are first asked for, so that ``import mgf_engine`` loads
-neither numpy nor torch. Nothing in this package imports ``bpy``.
+A job has five stages, scene -> masks -> field -> mesh -> deliver, which pass their results through the job folder. Each
+step is also a function: :func:`read_scene`, :func:`make_masks`, :func:`train`, :func:`extract_mesh`, :func:`render`,
+:func:`evaluate`. They are imported on first use, so that ``import mgf_engine`` loads neither numpy nor torch. Nothing
+in this package imports ``bpy``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of algorithms with options: add a line to make a dataclass of options known to ``--set`` and the docs.
+"""The table of algorithms with options; a line here makes a dataclass of options known to ``--set`` and the docs.
 
-Like :mod:`mgf_engine.stages`, this module imports nothing of the algorithms: a dataclass is named as ``module:class``
-and imported when it is needed.
+Like :mod:`mgf_engine.stages`, this module imports none of the algorithms: dataclasses are named as ``module:class`` and
+imported when they are needed.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ class Algorithm:
     """An algorithm with options.
 
     Attributes:
-        section: as ``--set`` names it.
-        stage: the stage whose result its options decide, or the command (``drawings``).
+        section: name of the section for ``--set``.
+        stage: the stage whose result depends on its options, or the command (``drawings``).
         title: what it does, for the docs.
         options: its dataclass, as ``module:class`` inside the package.
-        also: further commands that run it.
+        also: further commands that use it.
     """
 
     section: str
@@ -38,7 +38,7 @@ class Algorithm:
         return found
 
     def parameters(self) -> Iterator[Field[Any]]:
-        """Iterate over the options; a field whose default is another dataclass is a section of its own."""
+        """Iterate over the options of this section; fields that are dataclasses are sections of their own."""
         return (f for f in fields(self.load()) if f.default is not MISSING and "help" in f.metadata)
 
 

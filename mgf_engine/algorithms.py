@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Options of the algorithms: numbers that the panel does not show and that ``--set section.name=value`` sets.
+"""Options of the algorithms: parameters that are in no panel; ``--set section.name=value`` sets them.
 
-Each algorithm keeps its numbers in a frozen dataclass in its own module; :func:`parameter` gives each number a sentence
-and a unit. :data:`mgf_engine.algorithm_table.ALGORITHMS` names the dataclasses, ``docs/algorithms.md`` is written from
+Each algorithm has a frozen dataclass of parameters in its own module; :func:`parameter` gives each a description and a
+unit. :data:`mgf_engine.algorithm_table.ALGORITHMS` lists the dataclasses, ``docs/algorithms.md`` is generated from
 them, and :meth:`mgf_engine.config.Config.algorithm` makes one with the values that the user set.
 """
 
@@ -24,17 +24,17 @@ def parameter(default: Any, help: str, unit: str = "", *, low: float | None = 0,
 
     Args:
         default: number, switch, or tuple of numbers.
-        help: what it is, a noun phrase without the final full stop.
+        help: description, a noun phrase without the final full stop.
         unit: of the number; empty for counts and shares.
-        low: smallest value allowed, None for no limit; of every number of a tuple.
-        high: largest value allowed.
+        low: smallest allowed value, also of each number of a tuple; None for no limit.
+        high: largest allowed value; None for no limit.
     """
     return field(default=default, metadata={"help": help, "unit": unit, "low": low, "high": high})
 
 
 _BY_SECTION = {algorithm.section: algorithm for algorithm in ALGORITHMS}
 _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}
-#: Option -> its name now; taken for one version, with a warning.
+#: Earlier name of an option -> its name now; accepted for one version, with a warning.
 RENAMED_OPTIONS = {
     "start_cut.outside_views": "start_outside.least_views",
     "start_cut.margin": "start_outside.margin",
@@ -66,7 +66,7 @@ def algorithm_named(section: str) -> Algorithm:
 
 
 def _place_of(kind: type) -> str:
-    """Return the dataclass as the table names it."""
+    """Return ``module:class`` of a dataclass, as in the table."""
     return f"{kind.__module__.removeprefix('mgf_engine.')}:{kind.__qualname__}"
 
 
@@ -94,15 +94,15 @@ def algorithms_schema() -> list[dict[str, Any]]:
 
 
 def make_options(kind: type[T], values: dict[str, Any]) -> T:
-    """Make the options of an algorithm from those of all, ``section.name`` -> value; others keep their defaults.
+    """Make the options of an algorithm from a dictionary ``section.name`` -> value; missing ones have their defaults.
 
-    A field whose default is another dataclass of options is made in the same way, so that a dataclass can hold the
-    options of the algorithms that its own one runs. One of such fields alone needs no section.
+    Fields that are dataclasses of options are made in the same way: the options of an algorithm contain those of the
+    algorithms that it calls. A dataclass with only such fields needs no section.
 
     Args:
         kind: the dataclass.
-        values: ``section.name`` -> value, and the name of an option of the job -> value for the fields that
-            :func:`mgf_engine.config.job_option` defines.
+        values: ``section.name`` -> value, and for fields defined by :func:`mgf_engine.config.job_option` the name of
+            the option of the job -> value.
     """
     algorithm = _BY_CLASS.get(_place_of(kind))
     start = "" if algorithm is None else algorithm.section + "."
@@ -114,10 +114,10 @@ def make_options(kind: type[T], values: dict[str, Any]) -> T:
 
 
 def check_used(command: str, names: Iterable[str]) -> None:
-    """Check that a command for finished jobs runs the algorithms whose options it was given.
+    """Check that a command for finished jobs uses all options of algorithms that it was given.
 
     Raises:
-        BadInput: it does not run one of them, or there is no such option.
+        BadInput: it does not use one of them, or there is no such option.
     """
     sections = {a.section for a in ALGORITHMS if command == a.stage or command in a.also}
     for name in names:
@@ -129,7 +129,7 @@ def check_used(command: str, names: Iterable[str]) -> None:
 
 
 def algorithm_values(given: dict[str, Any]) -> dict[str, Any]:
-    """Check options of algorithms; those at their default are left out, so that they change no job.
+    """Check and convert options of algorithms; those at their default are left out, so that they change no stage key.
 
     Args:
         given: ``section.name`` -> value; text is converted to the option's type.

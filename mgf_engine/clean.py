@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf clean``: the results that the earlier runs of a job left, listed or removed."""
+"""``mgf clean``: list or remove the results of earlier runs of a job."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mgf_engine.runs import Run, list_runs, remove_runs
 
 
 def clean_command(args: argparse.Namespace) -> int:
-    """List the runs, or remove those that were named.
+    """List the runs of a job, or remove those that were named.
 
     Raises:
         BadInput: there is no job, it is in use, or a run cannot be removed.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ``mgf`` command: run what the arguments ask for (:mod:`mgf_engine.cli_arguments`)."""
+"""The ``mgf`` command: dispatch to the command that the arguments name (:mod:`mgf_engine.cli_arguments`)."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from mgf_engine.terminal import drop_output, make_sink, prepare_streams
 if TYPE_CHECKING:
     from mgf_engine.job import Job
 
-#: For numpy and torch, which read it when they are loaded: the engine's own threads take every core, and threads of
-#: libraries that wait for work by spinning take them away again (half of the time of the masks).
+#: Environment variables that numpy and torch read when they are imported: the engine's own threads use every core, and
+#: busy-waiting threads of these libraries would compete with them (it doubles the time of the masks).
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
 
 
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(args)
         sys.stdout.flush()
         return code
-    except BrokenPipeError:  # the reader has seen enough, as `head` does
+    except BrokenPipeError:  # the reader of the pipe has closed it, as `head` does
         drop_output()
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
@@ -70,10 +70,10 @@ def _run(args: list[str]) -> int:
 
 
 def _bench_command(args: list[str]) -> int:
-    """Run the benchmarks, which stand beside the package in a checkout and are in no wheel.
+    """Run the benchmarks, which are beside the package in a checkout and in no wheel.
 
     Raises:
-        BadInput: there is no checkout around this package.
+        BadInput: the package is not in a checkout.
     """
     checkout = Path(__file__).resolve().parent.parent
     if not (checkout / "benchmarks" / "run.py").is_file():
@@ -88,12 +88,14 @@ def _bench_command(args: list[str]) -> int:
 
 
 def _given_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Collect the options from --config, then --set, then flags; the later wins."""
+    """Collect the options from --config, --set and flags; later ones take precedence."""
     given = read_config(args.config) if args.config else {}
     given.update(option_pairs(args.set))
     names = {f.name for f in option_fields()}
     given.update({name: value for name, value in vars(args).items() if name in names})
-    if isinstance(given.get("crop_box"), str):  # a file is read once, so that a resumed job keeps its box
+    if isinstance(
+        given.get("crop_box"), str
+    ):  # the file is read once and its content kept, so that a resumed job has the same box
         from mgf_engine.scene.crop import read_crop_box
 
         given["crop_box"] = read_crop_box(given["crop_box"])
@@ -117,7 +119,9 @@ def _job_command(args: argparse.Namespace) -> int:
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
         code = _fail(reporter, error, log_path)
-        if new and isinstance(error, BadInput):  # the sentence said all there is to know; a full disk is none
+        if new and isinstance(
+            error, BadInput
+        ):  # the message says everything, so no log is needed; unlike for a full disk
             _close_log()
             remove_refused(args.out)
         return code
@@ -132,7 +136,7 @@ def _open_job(args: argparse.Namespace) -> Job:
 
 
 def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> int:
-    """Report in one sentence why the job ends early, and log a fault's traceback; returns the exit code."""
+    """Report in one sentence why the job failed, log the traceback of a fault, and return the exit code."""
     code, text = explain(error)
     log = logging.getLogger("mgf")
     if code == EXIT_FAULT:
@@ -147,7 +151,7 @@ def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> in
 
 
 def _log_to(path: Path) -> Path:
-    """Write the log to a file from now on, in the place of an earlier one."""
+    """Write the log to a file from now on; an earlier log is replaced."""
     log = logging.getLogger("mgf")
     log.setLevel(logging.INFO)
     log.propagate = False
@@ -185,7 +189,7 @@ def _columns() -> int:
 
 
 def _estimate_command(args: argparse.Namespace) -> int:
-    """Print the time and memory that a job will take."""
+    """Print the estimated time and memory of a job."""
     from mgf_engine.config import make_config
     from mgf_engine.estimate import estimate, inspect_photos, with_clicks
     from mgf_engine.estimate_report import estimate_to_dict, format_estimate
@@ -202,7 +206,7 @@ def _estimate_command(args: argparse.Namespace) -> int:
 
 
 def _doctor_command(args: argparse.Namespace) -> int:
-    """Print whether everything a job needs is there; returns the exit code."""
+    """Print whether everything that a job needs is installed; returns the exit code."""
     if args.card:
         from mgf_engine.field.cuda_check import check_card
 

@@ -19,9 +19,9 @@ from mgf_engine.stages import SECTIONS, STAGES
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that answers a mistake with one sentence, where argparse prints its sixty lines of usage first.
+    """An argument parser that reports a mistake in one sentence, without the usage text of argparse.
 
-    It lists its arguments and commands, which argparse does only privately.
+    Unlike argparse it has public lists of its arguments and commands.
 
     Attributes:
         arguments: of this parser, in order.
@@ -46,7 +46,7 @@ class Parser(argparse.ArgumentParser):
         return self.commands[name][0]
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse an unknown command by the name of the one that was probably meant, not by a list of all."""
+        """Refuse an unknown command with a suggestion of the most similar one."""
         if action.dest == "command" and value not in self.commands:
             likely = difflib.get_close_matches(str(value), self.commands, n=1)
             self.error(f"there is no command '{value}'{f', did you mean {likely[0]}' if likely else ''}")
@@ -90,7 +90,7 @@ def make_parser() -> Parser:
 
 
 def _add_tools(mgf: Parser) -> None:
-    """Add the commands that tell about the installation, the options and a job to come."""
+    """Add the commands about the installation, the options, and estimates of a job."""
     guess = mgf.add_command(
         "estimate", help="estimate time and memory of a job, per stage", argument_default=argparse.SUPPRESS
     )
@@ -150,7 +150,7 @@ def _add_towns(mgf: Parser) -> None:
 
 
 def _path(text: str) -> Path:
-    if not text:  # which pathlib takes for the present folder
+    if not text:  # pathlib would read it as the current folder
         raise argparse.ArgumentTypeError("is empty; give a path")
     return Path(text)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every option of a job, written once.
+"""The options of a job, each defined once.
 
-:class:`Config` feeds the command line, the job file, the panel in Blender (through ``mgf options``, a JSON
-schema made from it) and the presets. Each field carries its section, one sentence of help and its limits.
+Command line, job file, presets and the panel in Blender (through the JSON schema of ``mgf options``) are generated from
+:class:`Config`. Each field has its section, one sentence of help and its limits as metadata.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from mgf_engine.option_values import check_limits, convert, shown
 from mgf_engine.presets import PRESET_HELP, PRESETS
 from mgf_engine.stages import SECTIONS, STAGES
 
-#: Training iterations grow with the number of photos, which is clamped to these limits. The surface is best after some
-#: tens of passes over the photos; with more, the field explains reflections by dents behind the panes.
+#: Training iterations are proportional to the number of photos, clamped to these limits. With many more iterations the
+#: field models reflections by dents behind the panes.
 RUN_LENGTH = {"fewest": 20, "most": 60}
 
 T = TypeVar("T")
@@ -49,9 +49,9 @@ def option(
         default: of the field.
         section: stage that the option belongs to.
         help: one sentence for command line, panel and documentation.
-        low: least value; None for no limit.
-        high: largest value; None for no limit.
-        choices: allowed values of a text.
+        low: smallest allowed value; None for no limit.
+        high: largest allowed value; None for no limit.
+        choices: allowed values of a text option.
         unit: of the number, such as px.
         path: "file" or "folder" where the value is a path.
         advanced: False for the options that users see first.
@@ -173,7 +173,7 @@ class Config:
     algorithms: dict[str, Any] = field(default_factory=dict, hash=False)
 
     def algorithm(self, kind: type[T]) -> T:
-        """Return the options of an algorithm, as the user set them.
+        """Return the options of an algorithm, with the values that the user set.
 
         Args:
             kind: a dataclass of :data:`mgf_engine.algorithms.ALGORITHMS`.
@@ -181,11 +181,11 @@ class Config:
         return make_options(kind, {f.name: getattr(self, f.name) for f in option_fields()} | self.algorithms)
 
     def algorithms_of(self, stage: str) -> dict[str, Any]:
-        """Return the set options of all algorithms of a stage or command, ``section.name`` -> value."""
+        """Return the changed options of the algorithms of a stage or command, ``section.name`` -> value."""
         return {k: v for k, v in self.algorithms.items() if algorithm_named(k.partition(".")[0]).stage == stage}
 
     def wants_elements(self, parts_clicked: bool) -> bool:
-        """Tell whether anything will use the second level of the masks."""
+        """Tell whether the second level of the masks (elements of the building) is needed."""
         used = parts_clicked or self.multilevel_loss or self.boundary_loss
         return self.second_level == "on" or (self.second_level == "auto" and used)
 
@@ -195,11 +195,11 @@ class Config:
 
 
 def job_option(name: str) -> Any:
-    """Define a field of an algorithm's options that takes the value of an option of the job (:class:`Config`)."""
+    """Define a field of an algorithm's options whose value is that of an option of the job (:class:`Config`)."""
     return field(default=getattr(Config, name), metadata={"job_option": name})
 
 
-#: Option -> value it had in an earlier version -> value it has now; taken for one version, with a warning.
+#: Option -> earlier value -> value now; accepted for one version, with a warning.
 RENAMED: dict[str, dict[str, str]] = {"segmenter": {"grabcut": "random_walker"}}
 
 
@@ -233,10 +233,10 @@ def make_config(given: dict[str, Any] | None = None) -> Config:
 
 
 def _compressed(preset: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
-    """Scale the interval of densification that a preset sets to fewer iterations: as many rounds as in a full run.
+    """Scale a preset's interval of densification to fewer iterations, for as many rounds as in a full run.
 
-    Resets of opacities keep their interval: after one, Gaussians need some 35 iterations to pass the opacity below which
-    they are pruned, and rounds of a short run come sooner.
+    The interval of opacity resets is not scaled: after a reset, Gaussians need some 35 iterations to exceed the opacity
+    below which they are pruned.
     """
     usual, own, every = preset.get("iterations"), values.get("iterations"), preset.get("densify_every")
     if not usual or not own or not every or own >= usual:
@@ -267,7 +267,7 @@ def options_schema() -> dict[str, Any]:
 
 
 def renamed_values(given: dict[str, Any]) -> list[str]:
-    """Return a sentence for each value that :data:`RENAMED` still takes, and for each option of an earlier name."""
+    """Return a warning for each given option or value of an earlier name."""
     options = [
         f"{name} has been renamed to {RENAMED_OPTIONS[name]}; the old name works in this version only."
         for name in given
@@ -284,7 +284,7 @@ def as_dict(config: Config) -> dict[str, Any]:
     """Return the config as plain data for the job file and the report."""
     data = asdict(config)
     algorithms = data.pop("algorithms")
-    # An option at its default that the preset sets otherwise has to be written, or reading would set it again.
+    # Also options at their default that the preset changes: else reading the data would apply the preset's value.
     back = {name: algorithm_default(name) for name in _of_algorithms(PRESETS[config.preset])}
     return {**data, **back, **algorithms}
 

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the stages of a job cost, as data: CPU seconds and bytes, from photos, pixels, iterations and Gaussians.
+"""Cost model of the stages: CPU seconds and bytes as functions of photos, pixels, iterations and Gaussians.
 
-``mgf estimate`` and the start of a job read the table here, the panel in Blender reads the same from ``mgf options``.
-The numbers of each stage stand with the stage (:mod:`mgf_engine.stages`). They were fitted
-to finished jobs (docs/scale.md has measured and estimated figures side by side).
+``mgf estimate`` and the start of a job use this table; the panel in Blender reads the same from ``mgf options``. The
+coefficients of each stage are in :mod:`mgf_engine.stages`. They were fitted to finished jobs (docs/scale.md compares
+measured and estimated figures).
 
-A term is the product of the quantities in its name ("" for none) times its number:
+A term is the product of its coefficient and the quantities in its name ("" for a constant):
 
 ========== ===========================================================
 photos     photos that the job takes
@@ -52,23 +52,23 @@ COSTS: dict[str, Any] = {
 
 
 def amount(terms: Terms, quantities: dict[str, float]) -> float:
-    """Return the sum of the terms with these quantities."""
+    """Evaluate the sum of terms for these quantities."""
     return sum(number * math.prod(quantities[q] for q in name.split()) for name, number in terms.items())
 
 
 def seconds_of(stage: str, quantities: dict[str, float]) -> float:
-    """Return the seconds that a stage takes on the reference machine, with the threads among ``quantities``."""
+    """Return the wall time of a stage on the reference machine, seconds, for the threads in ``quantities``."""
     cost = COSTS["stages"][stage]
     threads = min(COSTS["threads"], quantities["threads"])
     return amount(cost["cpu"], quantities) * (cost["serial"] + (1 - cost["serial"]) / threads)
 
 
 def bytes_of(stage: str, quantities: dict[str, float]) -> float:
-    """Return the peak memory of a stage in bytes, with the threads among ``quantities``."""
+    """Return the peak memory of a stage in bytes, for the number of threads in ``quantities``."""
     threads = min(COSTS["threads"], quantities["threads"])
     return amount(COSTS["stages"][stage]["bytes"], {**quantities, "threads": threads})
 
 
 def least_bytes_of(stage: str, quantities: dict[str, float]) -> float:
-    """Return the memory that a stage cannot do without: one photo is worked on at a time."""
+    """Return the minimum memory of a stage in bytes: one photo is processed at a time."""
     return amount(COSTS["stages"][stage]["bytes"], {**quantities, "threads": 1})

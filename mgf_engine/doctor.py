@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf doctor``: what this machine offers the engine, and what is missing, one line each."""
+"""``mgf doctor``: report the software and hardware that the engine finds, and what is missing, one line each."""
 
 from __future__ import annotations
 

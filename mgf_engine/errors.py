@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a job ends early: the two errors it raises on purpose, exit codes, and a sentence for every other error."""
+"""Exceptions for bad input and cancelling, exit codes, and a one-sentence explanation of every other exception."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _NO_MEMORY = re.compile(
 
 
 class BadInput(Exception):
-    """Something the user gave cannot be used.
+    """Input of the user cannot be used.
 
-    The message is one clear sentence that says what is wrong and what to do; it is shown as it is,
-    without a traceback, and the process ends with :data:`EXIT_BAD_INPUT`. It stays one line of printable text
-    whatever the input holds: names out of files may carry line ends, terminal codes or broken letters.
+    The message is one sentence that says what is wrong and what to do; it is shown without a traceback, and the process
+    ends with :data:`EXIT_BAD_INPUT`. It is reduced to one line of printable text: names read from files may contain
+    line ends, terminal codes or invalid characters.
     """
 
     def __init__(self, text: str) -> None:
@@ -36,11 +36,11 @@ class BadInput(Exception):
 
 
 class Cancelled(Exception):
-    """The user asked the job to stop; what was done so far stays resumable."""
+    """The user cancelled the job; it can be resumed."""
 
 
 def is_full_disk(error: BaseException) -> bool:
-    """Tell whether something could not be written because the disk is full."""
+    """Tell whether the error means a full disk."""
     return isinstance(error, OSError) and error.errno in _FULL_DISK
 
 

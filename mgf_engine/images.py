@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read photos of every kind as RGB, turn them as their camera saw them, and write the working photos.
+"""Read photos as RGB with EXIF rotation, and write the working photos.
 
-OpenCV decodes (from memory, so that paths may hold any letters); Pillow reads only headers: size and EXIF.
+OpenCV decodes (from memory, so that paths may contain any characters); Pillow only reads headers: size and EXIF.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _KINDS = "JPEG, PNG, TIFF, WebP or BMP"
 
 
 class UnreadablePhoto(BadInput):
-    """A photo that is missing, damaged or no picture; a job goes on without it where enough others are left."""
+    """A photo is missing, damaged or no image; a job continues without it if enough others are left."""
 
 
 @dataclass(frozen=True)
 class PhotoInfo:
-    """What a photo's header says: stored size in pixels, and the EXIF orientation (1 = as stored)."""
+    """Header of a photo: stored size in pixels, and EXIF orientation (1 = as stored)."""
 
     width: int
     height: int
@@ -75,7 +75,7 @@ def read_info(path: Path) -> PhotoInfo:
 
 
 def read_infos(paths: Sequence[Path]) -> list[PhotoInfo | UnreadablePhoto]:
-    """Read the headers of many photos; for those that cannot be read, return the error instead."""
+    """Read the headers of many photos; the result of an unreadable photo is its error."""
     found: list[PhotoInfo | UnreadablePhoto] = []
     for path in paths:
         try:
@@ -132,7 +132,7 @@ def shrink(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:
-    """Write RGB [height, width, 3] or grey [height, width] without loss and without ever leaving half a file.
+    """Write RGB [height, width, 3] or grey [height, width] as PNG, atomically.
 
     Raises:
         ValueError: the picture has an unknown number of channels, or cannot be encoded.
@@ -188,7 +188,7 @@ def _unreadable(path: Path) -> UnreadablePhoto:
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Write RGB uint8 [H, W, 3] where the user wants it, in the kind that the file's ending names.
+    """Write RGB uint8 [H, W, 3] to a file of the user, in the format of its extension.
 
     Raises:
         BadInput: it cannot be written.

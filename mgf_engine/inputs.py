@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a job is made from, as it was when the job was opened: the model's files, its photos, the clicks, the masks.
+"""Identity of a job's input files when the job was opened: COLMAP model, photos, clicks, masks.
 
-Only what the stages read is looked at, so that nothing else in the user's folders can make a stage run again.
+Only files that the stages read are included, so that other files in the user's folders do not make stages run again.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _LARGEST_HASHED = 16 << 20  # bytes; of larger files size and time are compared
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the user's files were.
+    """Identity of the user's files.
 
     Attributes:
         scene: the model's files by content and its photos by size and time, as plain lists.
@@ -42,7 +42,7 @@ class Inputs:
 def read_inputs(
     source: Path, prompts: Path | None, masks: Path | None, job: Path, tables: Mapping[str, str] | None = None
 ) -> Inputs:
-    """Look at everything that the stages will read.
+    """Read the identity of all files that the stages will read.
 
     Args:
         source, prompts, masks, job: resolved; ``job`` is the job's own folder, which may lie inside the source.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The folder of a job: its file, its lock, and the checks before anything is written to it."""
+"""Checks of a job folder: read its ``job.json``, lock it, and refuse unsuitable folders before anything is written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mgf_engine.stages import STAGE_NAMES
 
 log = logging.getLogger("mgf")
 FORMAT = 1  # of job.json
-#: What a job leaves that was refused before its first stage was done.
+#: Files of a job that was refused before its first stage was done.
 _OF_A_REFUSED_JOB = {"job.json", "log.txt", ".lock", f".started-{STAGE_NAMES[0]}"}
 
 

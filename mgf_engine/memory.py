@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The memory of a job: how much is free, how much it may use (``--memory``), how much its stages took.
+"""Memory of a job: free memory, the budget (``--memory``), and the peak of each stage.
 
-The budget decides how many photos are open at once and what is done side by side, never what comes out: the same
-input gives the same mesh with any budget.
+The budget limits how many photos are processed at a time, never the result: the mesh is the same with any budget.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from mgf_engine.subprocesses import RUNNING
 from mgf_engine.system import peak_memory, release_memory
 
 GB = 1e9
-#: Of the memory that is free at the start of a job, what it may use unless the user says otherwise.
+#: Share of the free memory at the start that a job may use by default.
 USUAL = 0.75
 #: Bytes that work beside other work may take: the tetrahedra of 1.6 million points, of most jobs with 50 photos.
 BESIDE = 0.4 * GB
@@ -32,7 +31,7 @@ _strict = False
 
 
 def free_memory() -> int:
-    """Return bytes that this process may still take: what the system has, its control group and ``ulimit -v`` leave."""
+    """Return the free memory in bytes, within the limits of the control group and of ``ulimit -v``."""
     left = [psutil.virtual_memory().available, *_left_in_groups()]
     with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
         import resource
@@ -61,7 +60,7 @@ def _left_in_groups(root: Path = _CGROUPS, own: Path = Path("/proc/self/cgroup")
 
 
 def budget_of(gigabytes: float, free: int | None = None) -> float:
-    """Return bytes that a job may use: what the user says, else :data:`USUAL` of what is free."""
+    """Return the memory budget of a job in bytes: the user's limit, else the share :data:`USUAL` of the free memory."""
     return gigabytes * GB if gigabytes else USUAL * (free_memory() if free is None else free)
 
 
@@ -77,24 +76,24 @@ def allow(budget: float, folder: Path | None = None, strict: bool = False) -> No
 
 
 def scratch() -> Path | None:
-    """Return the folder for what does not fit into memory; None outside of a job."""
+    """Return the folder for data that does not fit into memory; None outside of a job."""
     return _scratch
 
 
 def allowed() -> float:
-    """Return bytes that this process may use."""
+    """Return the memory budget of this process in bytes."""
     return _allowed or budget_of(0.0)
 
 
 def share(part: float, most: int) -> int:
-    """Return bytes for one purpose: a part (0..1) of what the process may use, and no more than ``most``."""
+    """Return a share (0..1) of the memory budget in bytes, and no more than ``most``."""
     return int(min(most, part * allowed()))
 
 
 def at_once(bytes_each: float) -> int:
-    """Return how many pieces of work fit into half of what the process may still take (another thread may do the same).
+    """Return how many tasks fit into half of the memory left in the budget (another thread may use the other half).
 
-    One always does: what a single one takes is part of the estimate before the job.
+    At least one: the memory of a single task is part of the job's estimate.
     """
     if not bytes_each:
         return sys.maxsize
@@ -102,18 +101,18 @@ def at_once(bytes_each: float) -> int:
 
 
 def fits_beside(size: float) -> bool:
-    """Tell whether work of ``size`` bytes may run beside other work: whether it fits into half of what is left.
+    """Tell whether a task of ``size`` bytes may run in the background: whether it fits into half of what is left.
 
-    More than :data:`BESIDE` never may: what is gained is a few seconds, and the peaks of both add up.
+    More than :data:`BESIDE` never does: it would save a few seconds, but the peaks of both tasks add up.
     """
     return size <= min(BESIDE, 0.5 * _left())
 
 
 def require(size: float, what: str, cure: str) -> None:
-    """Make room for ``size`` bytes that are needed at once.
+    """Check that ``size`` bytes are left of the user's limit, after releasing cached memory.
 
     Raises:
-        BadInput: the user's limit does not leave them.
+        BadInput: they are not.
     """
     release_memory()
     if _strict and size > _left():
@@ -124,12 +123,12 @@ def require(size: float, what: str, cure: str) -> None:
 
 
 def _left() -> float:
-    """Return bytes that the process may still take, its workers counted."""
+    """Return the bytes left in the budget, after those of this process and its workers."""
     return _allowed - _taken() if _allowed else budget_of(0.0)
 
 
 def _taken() -> int:
-    """Return bytes that this process and its workers take now."""
+    """Return the bytes that this process and its workers use now."""
     taken = psutil.Process().memory_info().rss
     for worker in tuple(RUNNING):
         with contextlib.suppress(psutil.Error):
@@ -138,9 +137,9 @@ def _taken() -> int:
 
 
 class MemoryMonitor:
-    """The most memory that this process and its workers take together inside a ``with`` block; bytes in ``peak``.
+    """Context manager that measures the peak memory of this process and its workers; bytes in ``peak``.
 
-    On Linux the system's own figure for this process counts, too, so that no short peak is missed.
+    On Linux the kernel's peak of this process is included, so that no short peak is missed.
     """
 
     def __init__(self) -> None:

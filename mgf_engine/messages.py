@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a running job says: one message schema for the terminal, the panel, the log and the tests.
+"""Messages of a running job: one schema for the terminal, the panel, the log and the tests.
 
 A message is one JSON object on one line. Every message has ``v`` (schema version), ``type`` and ``time``
 (seconds since the epoch). Types and their further keys:
@@ -36,7 +36,7 @@ from mgf_engine.stages import STAGE_NAMES, STAGES
 from mgf_engine.system import json_text
 
 SCHEMA_VERSION = 1
-#: Rough share of a whole job each stage takes, to draw one overall bar where there is no estimate.
+#: Typical share of each stage in the time of a job, for the overall progress bar without an estimate.
 STAGE_SHARE = {stage.name: stage.share for stage in STAGES}
 
 _LEAST_SECONDS = 5.0  # expected for a stage: shorter ones do not measure the machine's pace
@@ -54,7 +54,7 @@ def encode(message: Message, encoding: str = "utf-8") -> str:
 
 
 class Reporter:
-    """Where stages report; hands every message to its sinks and carries the request to cancel.
+    """Sends the messages of the stages to its sinks, and carries the request to cancel.
 
     Args:
         sinks: callables that take a message; called on the thread that reports.
@@ -81,17 +81,17 @@ class Reporter:
             sink(message)
 
     def expect(self, seconds: dict[str, float]) -> None:
-        """Set what the stages to come will take, for the time left and the overall bar, which goes on from there."""
+        """Set the expected seconds of the remaining stages, for the time left and the overall progress bar."""
         self.expected, self._pace, self._begun_at = dict(seconds), 1.0, self._reached
 
     def stage(self, name: str, *, cached: bool = False) -> None:
-        """Announce that a stage begins (or that its earlier result is used)."""
+        """Report that a stage begins, or that its earlier result is used (``cached``)."""
         self._learn_pace()
         self.stage_name, self._stage_started, self._last = name, time.monotonic(), 0.0
         self.send("stage", stage=name, index=self.stages.index(name), count=len(self.stages), cached=cached)
 
     def progress(self, fraction: float, seconds_left: float | None = None, **figures: float | int | str) -> None:
-        """Report how far the current stage is; raises :class:`Cancelled` if that was asked for.
+        """Report the progress of the current stage; raises :class:`Cancelled` after a request to cancel.
 
         Args:
             fraction: 0..1 of the stage.
@@ -117,11 +117,11 @@ class Reporter:
         )
 
     def preview(self, path: str, title: str) -> None:
-        """Point at a picture that shows how the stage is doing."""
+        """Report a picture with an intermediate result."""
         self.send("preview", stage=self.stage_name, path=path, title=title)
 
     def warning(self, text: str) -> None:
-        """Send one sentence that the user should read: the cause and the cure."""
+        """Send a warning: one sentence with the cause and the cure."""
         log.warning(text)
         self.warnings.append(text)
         self.send("warning", text=text)
@@ -154,7 +154,7 @@ class Reporter:
         return stage_left + self._pace * sum(self.expected.get(name, 0.0) for name in later)
 
     def _learn_pace(self) -> None:
-        """Correct the estimates of later stages by what the last stage took, since the machine may be busy."""
+        """Scale the estimates of later stages by actual over expected time of the last one: the machine may be busy."""
         expected = self.expected.get(self.stage_name, 0.0)
         if expected >= _LEAST_SECONDS:
             taken = time.monotonic() - self._stage_started

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Order in space: what lies close together stands close together in memory, so that views find it in the cache."""
+"""Morton order (Z-order curve): points that are close in space are close in memory, for better use of the cache."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder of files made from a finished job: made beside the old one, put in its place when it is whole."""
+"""Write a folder of deliverables of a finished job atomically: it replaces the earlier one when it is complete."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Commands on finished jobs work as ``mgf reconstruct``: options, progress, cancelling, one sentence at the end."""
+"""Common parts of the commands on finished jobs: options, progress, cancelling, one sentence for each failure."""
 
 from __future__ import annotations
 

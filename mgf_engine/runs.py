@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each run of a job gave, under a name of its own, so that no later run takes it away.
+"""Keep the results of each run of a job in a numbered folder, so that no later run overwrites them.
 
 A run that comes to its end leaves its results in ``runs/1``, ``runs/2`` … of the job folder, and the ``deliver.json``
 of the job names the files there. They are never written again: a .blend that shows the mesh of an earlier run finds

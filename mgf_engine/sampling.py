@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choose few of many so that they are spread out."""
+"""Farthest-point sampling."""
 
 from __future__ import annotations
 

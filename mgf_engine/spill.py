@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arrays that lie in a file of the job folder where memory is short, and are mapped into memory while they are read."""
+"""Memory-mapped arrays in a file of the job folder, for data that does not fit into memory."""
 
 from __future__ import annotations
 

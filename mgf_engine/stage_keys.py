@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keys of stages: a hash of everything that decides a stage's result.
+"""Keys of stages: a hash of everything that a stage's result depends on.
 
-That is its inputs, the options of its section and the key of the stage before: changing an option redoes that stage and
-the later ones. Files count by their content, not by their place.
+That is its inputs, the options of its section and the key of the previous stage: changing an option redoes that stage
+and the later ones. Files are identified by their content, not by their path.
 """
 
 from __future__ import annotations

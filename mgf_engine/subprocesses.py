@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes of their own that work for a job: how the job waits for them, and how they end when it does."""
+"""Worker processes of a job: start them, wait for them, and end them with the job."""
 
 from __future__ import annotations
 
