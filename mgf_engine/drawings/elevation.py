@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Elevations and plans as line drawings: outlines, steps in depth, creases and parts; what is hidden is not drawn."""
+"""Elevations and plans as line drawings with hidden lines removed: outlines, depth steps, creases and parts."""
 
 from __future__ import annotations
 

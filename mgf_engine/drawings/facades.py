@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sides of a building: directions that most of its wall area faces, each with its largest plane."""
+"""Find the facades of a building: the main directions of its wall area, each with its largest plane."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The height of the ground around the building, which heights in drawings and solids are counted from."""
+"""Height of the ground around the building, the zero of heights in drawings and solids."""
 
 from __future__ import annotations
 

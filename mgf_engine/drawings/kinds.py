@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The kinds of drawings that can be asked for."""
+"""The kinds of drawings."""
 
 #: What ``--draw`` takes.
 KINDS = ("orthophotos", "elevations", "sections", "sheets", "quantities")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Read a finished job for drawing: its scene, masks, mesh and georeference, brought into one local frame."""
+"""Read a finished job for drawing: scene, masks, mesh and georeference, in one local frame."""
 
 from __future__ import annotations
 

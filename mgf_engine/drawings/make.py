@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All drawings of a job, made in a folder beside the old ones and put in their place when they are whole."""
+"""Make all drawings of a job; the folder replaces the earlier one when it is complete."""
 
 from __future__ import annotations
 

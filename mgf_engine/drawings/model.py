@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What drawings are made of: the survey that a job holds, and the planes it is drawn on."""
+"""Data classes of the drawings: the survey of a job, and the planes it is drawn on."""
 
 from __future__ import annotations
 

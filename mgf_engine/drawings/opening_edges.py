@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Left and right edges of openings from the photos, since the mesh slopes into an opening over several pixels.
+"""Locate the left and right edges of openings in the photos, since the mesh is blurred there by several pixels.
 
 The photos are sampled in strips on the plane of the wall, across each edge. What lies on the wall has its gradient at
 one place in all photos, while reveal and frame behind it move with the camera. The mean gradient therefore falls off

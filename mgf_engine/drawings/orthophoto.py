@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Orthophotos: what a drawing's pixels see, painted from the photos as they were taken.
+"""Orthophotos: sample each pixel of a drawing in the original photos.
 
 The texture's choice of photos, its seams and its exposure are used. Beyond it every pixel asks its own photo whether
 it sees that very point; where something stands before it another photo paints, and what none sees stays transparent.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Borders of named parts (windows, doors ...) on a drawing, from what all photos say about each of its pixels."""
+"""Borders of named parts (windows, doors ...) on a drawing, by the vote of all photos at each pixel."""
 
 from __future__ import annotations
 

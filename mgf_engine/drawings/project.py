@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A grid of pixels on a drawing's plane, and what parallel rays through them see of the mesh."""
+"""Orthographic z-buffer: the mesh as seen by parallel rays through a grid of pixels on a drawing's plane."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Line drawings on disk: DXF with a layer for each kind of line, and SVG; real lengths in both."""
+"""Write line drawings as DXF, with a layer for each kind of line, and as SVG, in real lengths."""
 
 from __future__ import annotations
 

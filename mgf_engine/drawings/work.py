@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ``mgf drawings`` was asked for, and what the parts of a run share."""
+"""Options of a run of ``mgf drawings``, and the data that its parts share."""
 
 from __future__ import annotations
 

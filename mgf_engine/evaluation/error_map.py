@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a mesh is wrong, to look at: mesh and truth from four sides, coloured by their distance to each other."""
+"""Error maps: mesh and truth from four sides, coloured by their distance to each other."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How even the walls of a mesh are, without any truth: its largest planes, and how far from flat they lie.
+"""Evenness of the walls of a mesh without ground truth: its largest planes, and the deviations from them.
 
 Points are sampled by area; the plane that holds most of them within three ground pixels is found, fitted to what it
 holds and taken away, then the next one. Distances tell of waves, angles between the faces and their plane of grain and

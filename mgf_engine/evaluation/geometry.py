@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How right a mesh is: accuracy, completeness and F1 against a true mesh (eq. 30-32), normals, and mask IoU.
+"""Geometry metrics: accuracy, completeness and F1 against a true mesh (eq. 30-32), normals, and mask IoU.
 
 Points are sampled uniformly by area on both meshes; each is measured to the other *surface*, so the truth against
 itself gives 100 at every threshold. True points that no camera saw are left out of completeness. A point of the mesh is

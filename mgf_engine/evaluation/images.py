@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How close a rendered view is to its photo, inside the building's mask (eq. 27-29).
+"""Image metrics of a rendered view against its photo, inside the building's mask (eq. 27-29).
 
 Two ways of pooling are given. *Inside the mask* (``psnr``, ``ssim``) averages over mask pixels only: it does not depend
 on how much of the frame the building fills. *Whole frame* (``psnr_frame``, ``ssim_frame``) is the paper's convention:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""LPIPS (eq. 29): how differently a network that knows pictures sees a photo and its render.
+"""LPIPS (eq. 29): perceptual distance between a photo and its render by features of a trained network.
 
 The features of AlexNet or VGG-16, each pixel's scaled to unit length, are compared layer by layer; a trained weight per
 channel says what people notice (Zhang, Isola, Efros, Shechtman and Wang 2018, version 0.1 of their weights). The

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures for people: masks over photos, normals, where a render is wrong, and the mesh from all around."""
+"""Images for the report: masks over photos, normals, error maps of renders, and the mesh from all sides."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a mesh lies from a laser scan: registered first (ICP), then the distance of each scan point from the mesh."""
+"""Compare a mesh with a laser scan: registration by ICP, then the distance of each scan point from the mesh."""
 
 from __future__ import annotations
 

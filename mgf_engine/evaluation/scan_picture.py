@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A mesh from four sides, coloured by how far it lies outside (red) or inside (blue) of a laser scan."""
+"""Error map of a mesh against a laser scan, from four sides: outside red, inside blue."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What placed the surface of a mesh, in a few sentences for the report's first page."""
+"""Explain in a few sentences what determined the surface of a mesh, for the report's first page."""
 
 from __future__ import annotations
 

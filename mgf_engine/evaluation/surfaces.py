@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measuring triangle meshes: reading, sampling by area, distances to a surface, what cameras see, hygiene."""
+"""Triangle meshes for evaluation: reading, sampling by area, distances, visibility from cameras, defects."""
 
 from __future__ import annotations
 

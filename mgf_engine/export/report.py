@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fills the report of a finished job from its folder: measures held-out views, gathers counts, times and pictures."""
+"""Fill the report of a finished job from its folder: metrics of held-out views, counts, times and images."""
 
 from __future__ import annotations
 

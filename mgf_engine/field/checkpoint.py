@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The field on disk: the finished field, and checkpoints from which training goes on as if never stopped."""
+"""Write and read fields, and checkpoints from which training resumes with the same result."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _UNREADABLE = (OSError, ValueError, KeyError, TypeError, AttributeError, Overflo
 
 @dataclass
 class Checkpoint:
-    """Where training stands: field and moments, statistics since the last round, next iteration, figures so far."""
+    """State of the training: field and moments, statistics since the last densification, next iteration, figures."""
 
     optimiser: Optimiser
     stats: RenderStats
@@ -54,7 +54,7 @@ def read_field(path: Path) -> Gaussians:
 
 
 def write_checkpoint(checkpoint: Checkpoint, path: Path) -> None:
-    """Write a checkpoint; a kill leaves the old one or the new one."""
+    """Write a checkpoint atomically."""
     optimiser = checkpoint.optimiser
     arrays = {"field." + name: getattr(optimiser.field, name).detach().cpu().numpy() for name in _NAMES}
     for name, (first, second) in optimiser.moments.items():

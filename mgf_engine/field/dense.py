@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dense starting points: stereo between neighbouring views inside the masks, kept where views agree.
+"""Dense starting points by semi-global matching between neighbouring views inside the masks (``start=dense``).
 
-Sparse points leave blank walls bare; the field would have to grow there from far away. Semi-global matching
-between neighbours gives depth in seconds, and only points that another photo's depth confirms become starting points.
+Plain walls have no sparse points, so Gaussians would have to grow there from elsewhere. Only points that the depth map
+of another photo confirms become starting points.
 """
 
 from __future__ import annotations

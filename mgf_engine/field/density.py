@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Densification and pruning: split Gaussians where the render is still wrong, prune what no view needs.
+"""Densification and pruning: split the Gaussians with the largest colour error, prune those that no view needs.
 
 A Gaussian answers for the error of the pixels it paints, in proportion to its blending weight. Every round the
 ones that answer for most are split along their longest axis, within the budget of the moment; the faint, the

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The field as a standard 3D Gaussian splatting PLY, in the scene's own coordinates, 3D filter fused in.
+"""Write a field as a standard 3D Gaussian splatting PLY in the scene frame, with the 3D filter fused in.
 
 Readers of such files expect float32, which far from the origin (UTM) would put Gaussians onto steps of half a metre.
 There the positions are written less an offset, which a comment of the header names: ``comment offset X Y Z``.

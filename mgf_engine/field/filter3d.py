@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The 3D low-pass filter: no Gaussian may be finer than the finest photo can show (Mip-Splatting)."""
+"""3D low-pass filter of Mip-Splatting: no Gaussian is smaller than the best photo's sampling rate can show."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The first Gaussians: one flat disc per starting point, lying in the surface its neighbours suggest."""
+"""Initialise the Gaussians: a flat disc for each starting point, in the tangent plane of its neighbours."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def initial_field(
     if given is not None:
         normals = np.where(np.isnan(given), normals, given)
     spacing = distance[:, 1:4].mean(1)
-    # A lone point far from all others must not become a disc that covers the building.
+    # Limit the size, so that an isolated point does not become a disc as large as the building.
     spacing = np.clip(spacing, 1e-4, max(3.0 * float(np.median(spacing)), 1e-4))
     scales = spacing[:, None] * np.array([1.0, 1.0, options.flatness])
     sh = np.zeros((len(points), 16, 3))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adam over a field whose Gaussians come and go; rows that no pixel saw are left alone."""
+"""Adam for a field with a varying number of Gaussians; rows of invisible Gaussians are not updated."""
 
 from __future__ import annotations
 

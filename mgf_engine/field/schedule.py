@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The schedule of the training: resolution, terms of the loss and learning rates by the share of the run."""
+"""Schedule of the training: resolution, loss terms and learning rates as functions of the share of the run."""
 
 from __future__ import annotations
 

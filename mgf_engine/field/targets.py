@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The target of one training view: photo, labels and pixel weights, cut to the building's box."""
+"""Training target of a view: photo, labels and pixel weights, cropped to the building."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mgf_engine.raster.photo_side import photo_side
 
 @dataclass(frozen=True)
 class TargetOptions:
-    """What of a photo is trained, beside the building itself."""
+    """Options of the margin and the background that are trained besides the building."""
 
     least_gap: float = parameter(8.0, "Width from which a gap in the mask has a margin inside, in margins")
     background_band: int = parameter(24, "Width of the band around the building that is kept empty", "px", low=2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The training loop: one view an iteration, render, compare (eq. 20), step; grow and prune in between."""
+"""The training loop: each iteration renders a view, computes the loss (eq. 20) and takes a step; with densification."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Triangle meshes as such: rasterized, cleaned, tetrahedralized, read and written; no field, no photo."""
+"""Algorithms on triangle meshes and points alone: z-buffer, cleaning, Delaunay tetrahedra, reading and writing."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blocks: the boxes of a grid, in which tetrahedra are made one after another and fit together without seams.
+"""Divide points into the blocks of a grid whose separate Delaunay tetrahedra fit together without seams.
 
 Each border gets points of its own, copies of those beside it, that the blocks at both of its sides share. All points
 of a block lie at one side of the border. Then the border supports their hull, and Delaunay tetrahedra meet it in the

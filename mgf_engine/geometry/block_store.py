@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What finished blocks gave, kept in the job folder: a job that was stopped goes on at the block it had reached.
+"""Store the results of finished blocks in the job folder, so that an interrupted job resumes at the next block.
 
-Files are named by what they were made from, so that those of other photos or options are never taken for these.
+File names contain a hash of the inputs, so that results of other photos or options are never used.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Axis-aligned boxes around points of which few are outliers."""
+"""Axis-aligned bounding boxes that ignore a few outliers."""
 
 from __future__ import annotations
 

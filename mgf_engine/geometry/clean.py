@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the raw level set to a clean mesh: faces without area, false parts, orientation."""
+"""Clean a mesh: weld vertices, remove degenerate faces and false components, orient, smooth, make it a manifold."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.morton import arrange, cells_of, morton
 from mgf_engine.native.parallel import parallel_map
 
-DRAWN_BACK = 0.01  # share of the way to the middle between a vertex and its neighbours
+DRAWN_BACK = 0.01  # weight of the neighbours' mean in Laplacian smoothing
 CHUNK = 1 << 15  # faces that are measured at a time
 SEEN_PIXELS = 3  # parts of which all views together see fewer pixels are dropped
 
@@ -34,7 +34,7 @@ def vertex_areas(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
-    """Return the mesh of these faces, without vertices they do not use."""
+    """Return the mesh with these faces, without unused vertices."""
     used = np.zeros(len(mesh.vertices), bool)
     used[faces.ravel()] = True
     index = np.cumsum(used, dtype=np.int32) - np.int32(1)
@@ -42,9 +42,9 @@ def with_faces(mesh: Mesh, faces: NDArray[np.int32]) -> Mesh:
 
 
 def weld(mesh: Mesh) -> Mesh:
-    """Return vertices at one place become one; faces with two equal corners and repeated faces go.
+    """Merge vertices at the same position; remove degenerate and repeated faces.
 
-    Vertices and faces come out in an order in which those close together in space follow each other.
+    Vertices and faces are sorted in Morton order.
     """
     if len(mesh.vertices) == 0:
         return mesh
@@ -78,11 +78,12 @@ def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
 
 
 def seen_parts(mesh: Mesh, seen: NDArray[np.integer], share: float) -> NDArray[np.bool_]:
-    """Find faces of parts that the views see, bool [F]; not bubbles inside walls, nor far things that few masks let in.
+    """Find the faces of components that are visible, bool [F]; removes bubbles inside walls and distant objects.
 
     Args:
-        seen: pixels of all views together that see each face, [F].
-        share: of the pixels of the part that is seen most; parts with less are hardly seen.
+        mesh: of any frame.
+        seen: number of pixels of all views together that show each face, [F].
+        share: minimum number of pixels of a component, as a share of that with the most pixels.
     """
     label = parts(mesh)
     pixels = np.bincount(label, weights=seen)
@@ -127,7 +128,7 @@ def smooth(mesh: Mesh, rounds: int) -> Mesh:
 
 
 def orient_outward(mesh: Mesh, front: NDArray[np.integer], back: NDArray[np.integer]) -> Mesh:
-    """Turn the parts that the cameras see mostly from behind. ``front``, ``back``: pixels of each face."""
+    """Flip the components that are seen mostly from behind; ``front``, ``back``: pixels that show each face, [F]."""
     if len(mesh.faces) == 0:
         return mesh
     label = parts(mesh)

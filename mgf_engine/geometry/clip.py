@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cut a mesh off at planes or along a level: triangles across it are split, vertices on the cut are shared."""
+"""Clip a mesh at planes, or at the zero level of a function of its vertices; new vertices are shared by both faces."""
 
 from __future__ import annotations
 

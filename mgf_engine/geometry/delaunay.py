@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Delaunay tetrahedra of points (kernel ``mgf_delaunay``), made on one thread beside other work.
+"""Delaunay tetrahedralization of points (kernel ``mgf_delaunay``), on one thread in the background.
 
 They are those of :mod:`mgf_engine.geometry.tetgen`, in an order of their own, and take a quarter of the memory: the
 kernel numbers points and neighbours with 32 bits, and nothing is copied from process to process.

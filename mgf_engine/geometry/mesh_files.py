@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes on disk, in the coordinates of the COLMAP model the user gave: PLY, OBJ and GLB.
+"""Write and read meshes in the coordinates of the user's COLMAP model: PLY, OBJ and GLB.
 
 Scale, axes and origin are the scene's own in all three. Coordinates far from the origin (such as UTM) do not hurt:
 the PLY then has double coordinates, the OBJ as many digits as are needed, and the GLB, whose vertices must be

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Looks at a mesh from a camera: depth, face ids and a shaded picture, for visibility, reports and evaluation.
+"""Render a mesh from a camera (z-buffer): depth, face ids and a shaded image.
 
 A z-buffer in C (``native/csrc/mesh/zbuffer.c``); a million faces at 750x500 take a fraction of a second.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Delaunay tetrahedra by their definition, in whole numbers of any size: the plain twin of ``mgf_delaunay``."""
+"""Reference of ``mgf_delaunay``: Delaunay tetrahedra by their definition, in exact integer arithmetic."""
 
 from __future__ import annotations
 

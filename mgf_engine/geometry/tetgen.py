@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Delaunay tetrahedra of points, by tetgen, in a process of its own: ``python -m mgf_engine.geometry.tetgen COUNT``.
+"""Delaunay tetrahedra of points by TetGen, in a worker process: ``python -m mgf_engine.geometry.tetgen COUNT``.
 
 tetgen works on one core for seconds, and no other Python thread goes on meanwhile. A process of its own ends when the
 job is cancelled, and its memory goes with it. Points and result go through pipes.

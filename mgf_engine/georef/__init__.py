@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where on Earth a job's scene is: from GPS, control points, scale bars or walls to metres, up, north and a CRS.
+"""Georeferencing: metres, up, north and a CRS for a job's scene, from GPS, control points, scale bars or walls.
 
 ``find`` takes the best that there is: ``control``, ``gps`` and ``bars`` read it, ``fit_control`` and ``fit_gps`` lay
 the scene onto it. ``adjust`` lets control points shape the scene while it is made, ``apply`` gives a job its

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Let control points shape the scene while it is made, before any photo is undistorted."""
+"""Adjust the scene to control points while it is made, before the photos are undistorted."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gives a job its georeference: while it is delivered, and later with ``mgf georef`` without redoing anything."""
+"""Give a job its georeference: when it is delivered, or later with ``mgf georef`` without repeating stages."""
 
 from __future__ import annotations
 

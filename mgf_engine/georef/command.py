@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf georef JOB``: true coordinates for a finished job, without redoing it."""
+"""``mgf georef JOB``: georeference a finished job without repeating its stages."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Control and check points, and where they appear in photos, from the user's files.
+"""Read control and check points and their marks in photos from the user's files.
 
 Read are a CSV of points (name, east, north, height, accuracy, role) with a CSV of marks (name, photo, x, y), points as
 Metashape exports them, and OpenDroneMap's ``gcp_list.txt``, which holds points and marks in one file. Pixels are those

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Coordinates and marks that cannot be right, and the guess what happened: degrees, feet, exchanged columns, another
-zone or hemisphere, the wrong photo."""
+"""Find coordinates and marks that cannot be right, with a probable cause.
+
+Causes are degrees, feet, swapped columns, another zone or hemisphere, the wrong photo.
+"""
 
 from __future__ import annotations
 

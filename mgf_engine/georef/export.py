@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The mesh in true coordinates: the folder ``georeferenced`` with PLY, OBJ and GLB in the local frame.
+"""Write the mesh in true coordinates: the folder ``georeferenced`` with PLY, OBJ and GLB in the local frame.
 
 Float32 resolves half a metre at the northings of UTM, so the files hold local coordinates (metres, x east, y north, z
 up) and say what is to be added: in a comment, in ``georef.json`` beside them, and the CRS in ``mesh.prj``.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The georeference of a scene by the best that is there: control points, GPS, scale bars, or up alone."""
+"""Find the georeference of a scene by the best available data: control points, GPS, scale bars, or up alone."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From control points and where their marks meet to the similarity that lays the scene onto them."""
+"""Fit the similarity that aligns a scene with its control points."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the places that photos were taken at to the similarity that lays the cameras there."""
+"""Fit the similarity that aligns the cameras with the GPS positions of their photos."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where photos say that they were taken: EXIF, and the XMP of DJI's drones with the accuracy of RTK.
+"""Read the GPS positions of photos: EXIF, and XMP of DJI drones with the accuracy of RTK.
 
 Headers only are read. What is not there, or no number, is passed over: photos without a place are usual.
 """

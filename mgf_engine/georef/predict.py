@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where control points should appear in the photos, so that whoever marks them need not look for them.
+"""Predict where control points appear in the photos, to help with marking them.
 
 Each point by the best that is known of it: its own marks, the other points' marks (three or more), or the georeference
 that the job has already, for example by GPS.

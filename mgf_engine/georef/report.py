@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the report says about a georeference: facts, residuals of points and bars in tables, and a picture of them."""
+"""The report's section on the georeference: facts, tables of residuals of points and bars, and a plot."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Similarities between two sets of points: the closed form, one that outliers do not move, and one by accuracies."""
+"""Fit similarities between two point sets: closed form, robust, and weighted by accuracies."""
 
 from __future__ import annotations
 

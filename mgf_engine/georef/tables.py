@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables as surveyors write them: comma, semicolon, tab or blanks, with or without a heading, decimal commas."""
+"""Read tables as surveyors write them: comma, semicolon, tab or blanks, with or without header, decimal commas."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the masks stage hands on: one label map per photo, a verdict on each, and the masked points P'."""
+"""Result of the masks stage: a label map and a score for each photo, and the masked points P'."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The triangle mesh that the mesh stage hands on, and the texture that may come with it."""
+"""Triangle mesh with colours and further vertex attributes, and its texture."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Mesh:
         vertices: float64 [N, 3].
         faces: int32 [F, 3].
         colors: uint8 [N, 3].
-        values: further numbers per vertex, name -> [N]; the PLY file has them as properties.
+        values: further vertex attributes, name -> [N]; properties of the PLY file.
     """
 
     vertices: NDArray[np.float64]
@@ -43,7 +43,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Texture:
-    """A picture and the place of every face in it.
+    """Texture image and the UV coordinates of the faces.
 
     Attributes:
         uv: float32 [F, 3, 2], 0..1, u to the right, v upwards, of the corners of each face.

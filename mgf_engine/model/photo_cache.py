@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Decoded photos, the ones used last: every stage goes through all photos several times.
+"""LRU cache of decoded photos: every stage reads all photos several times.
 
-All scenes share one cache (:data:`PHOTOS`), so that a stage finds what the one before it has read.
+All scenes share one cache (:data:`PHOTOS`), so that a stage finds the photos that the previous one has read.
 """
 
 from __future__ import annotations

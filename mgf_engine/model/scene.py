@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the scene stage hands on: cameras, photos, sparse points and their tracks, in one normalised frame.
+"""Result of the scene stage: cameras, photos, sparse points and their tracks, in the normalised frame.
 
 Frames. *Scene frame*: the coordinates of the COLMAP model the user gave. *Normalised frame*: the building
 near the origin at a scale where the median camera is 5 units away; everything after the scene stage works in

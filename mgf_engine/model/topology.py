@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs together in a mesh: corners around vertices, parts, fans, open edges, neighbours.
+"""Topology of a mesh: corners around vertices, connected components, fans, open edges, neighbours.
 
 ``csrc/mesh/topology.c`` does the work, vertex by vertex; plain references are in ``tests/model/test_topology.py``.
 A corner is the number ``3 * face + place``; its edge leads to the next vertex of the face.

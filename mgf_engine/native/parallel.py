@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work on many photos or chunks of points at a time, one on each thread."""
+"""Map a function over many photos or chunks of points on several threads."""
 
 from __future__ import annotations
 

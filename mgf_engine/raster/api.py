@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the rest of the engine calls: render Gaussians with a camera, differentiably, on a chosen backend.
+"""Differentiable rendering of Gaussians on a chosen backend; the interface of the rasterizer.
 
 Backends: ``cpu`` (C kernels), ``cuda`` (CUDA kernels on a card), ``reference`` (plain float64 torch, slow, for tests)
 and ``cuda-source-on-cpu`` (the CUDA kernels built for the CPU, slow, for tests). All follow the same rules:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which device the field is trained and rendered on, and why that one."""
+"""Choose the device (CPU or CUDA) of training and rendering, and explain the choice."""
 
 from __future__ import annotations
 

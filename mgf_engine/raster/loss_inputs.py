@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the image losses compare a render with, and how they are weighted."""
+"""Inputs of the image losses: the photo with its labels, and the weights of the terms."""
 
 from __future__ import annotations
 

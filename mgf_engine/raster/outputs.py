@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What rendering gives: the pictures, and how much each Gaussian contributed."""
+"""Outputs of the rasterizer: images, and statistics of the contribution of each Gaussian."""
 
 from __future__ import annotations
 

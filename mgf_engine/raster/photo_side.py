@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the training loss needs of a photo, worked out once: areas of labels, sizes of scales, tiles that count."""
+"""Precompute what the training loss needs of a photo: areas of labels, sizes of scales, tiles that count."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cameras that disagree with the sparse points are adjusted, before any photo is undistorted.
+"""Adjust cameras that disagree with the sparse points by bundle adjustment, before the photos are undistorted.
 
 A COLMAP model that was edited, exported half done or given another lens contradicts itself: its points do not project
 to where its photos saw them. What the photos saw is still there, so COLMAP's bundle adjustment finds poses, focal

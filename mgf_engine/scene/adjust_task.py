@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the job and the process that adjusts cameras tell each other, as npz files: plain arrays, nothing that runs."""
+"""Exchange the task and the result of camera adjustment between job and worker process, as npz files."""
 
 from __future__ import annotations
 

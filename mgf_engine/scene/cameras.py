@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the user's cameras, of whatever COLMAP model, to pinhole cameras at the working resolution.
+"""Convert cameras of any COLMAP model to undistorted pinhole cameras at the working resolution.
 
 PINHOLE and SIMPLE_PINHOLE photos are only resized. All others are undistorted: COLMAP chooses the largest pinhole
 picture without blank pixels, the map into the photo is made once per camera, and photos are sampled through it.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find the COLMAP model and the photos in whatever folder the user has, and read the model.
+"""Find the COLMAP model and the photos in the user's folder, and read the model.
 
 The files are parsed here rather than by pycolmap: pycolmap ends the process or asks for terabytes when a file is
 damaged, and takes minutes to hand over large tracks. The tests hold both readers against each other.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""COLMAP's ``.bin`` files to arrays. Every count is checked against the file's size before anything is allocated."""
+"""Read COLMAP's ``.bin`` files; every count is checked against the file's size before anything is allocated."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A sparse model as COLMAP's reconstruction: its bundle adjustment, its triangulation and its reprojection errors.
+"""Convert a sparse model to a pycolmap reconstruction: bundle adjustment, triangulation, reprojection errors.
 
 Everything is measured in pixels of the working photos, whose longest side is the ``resolution``.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""COLMAP's ``.txt`` files to arrays.
+"""Read COLMAP's ``.txt`` files.
 
 A text file that was cut off between two lines still parses, so two more things are looked at: the count in
 COLMAP's header comment, and, where that header is there, the line end that COLMAP always writes last.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photos of one scene brought to one exposure and white balance.
+"""Equalize exposure and white balance of the photos of a scene.
 
 A camera on automatic changes both between photos; the field would paint the change onto the building or in front of
 it. The same point seen by several photos tells their gains: log c = g(photo) + p(point) per channel, solved over all

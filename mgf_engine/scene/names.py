@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How people name photos: as the model does, or by the file name alone, in other case, with another extension."""
+"""Match photo names given by people: as in the model, by file name alone, in other case, with another extension."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The frame everything after the scene stage works in: what the cameras look at near the origin, 5 units away.
+"""Normalise the frame of a scene: what the cameras look at near the origin, the median camera 5 units away.
 
 The masks are not known yet, so the centre is a robust one: the median of the sparse points, each counted once per
 camera that sees it. All of it is float64, and coordinates are subtracted before anything else happens to them, so

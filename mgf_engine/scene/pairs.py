@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choice of the pairs of photos to match: all of them, or neighbours in the sequence and the most similar ones.
+"""Choose the pairs of photos to match in structure from motion: all, or sequential and most similar ones.
 
 Similarity is that of VLAD vectors over the photos' own SIFT descriptors (Jegou et al. 2010), so that a walk
 around a building closes its loop, and photos in no order at all still find each other, without a vocabulary file.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How good the photos themselves are where the sparse points lie: sensor noise and blur, before any work is done.
+"""Measure sensor noise and sharpness of the photos at the sparse points, before the stages begin.
 
 Both are measured on the working photos, so that what counts is left after they were made smaller.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photos are used, which the user is asked to click on, and which are kept out of training as a measure."""
+"""Choose the photos that are used, those suggested for clicks, and those held out of training."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photos without a COLMAP model: cameras and points by pycolmap's structure from motion on the CPU.
+"""Structure from motion for photos without a COLMAP model, by pycolmap on the CPU.
 
 Features and matches live in a database in the job's ``scene/sfm`` folder; after an interruption COLMAP takes up what
 the database already holds. A finished model is used again. The work itself is done by :mod:`sfm_worker` in another

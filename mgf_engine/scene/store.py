@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The scene on disk: ``scene.npz`` (cameras, points, tracks) beside the working photos in ``images/``."""
+"""Write and read a scene: ``scene.npz`` (cameras, points, tracks) beside the working photos in ``images/``."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photos that cannot be read: a job goes on without them where enough others are left, and says so once."""
+"""Leave out photos that cannot be read, with one warning, if enough others are left."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Validation of a scene before any work goes into it: outlier photos, outlier points, bad cameras.
+"""Validate a scene: outlier photos, outlier points, inaccurate cameras.
 
 Outlier points and photos of another place are removed; what cannot be repaired becomes a warning with its remedy.
 """

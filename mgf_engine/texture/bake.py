@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pixels of the texture: each looked up in the photo, as the user took it, that paints its face."""
+"""Bake the texture: look up each texel in the original photo that is chosen for its face."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where each patch of faces lies in the texture: as its photo shows it, one rectangle beside the other.
+"""Charts of the texture atlas: patches of faces as they appear in their photo, packed as rectangles.
 
 Faces that no photo shows get a small triangle each, all of one size, in a rectangle of their own.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A picture of a mesh with its texture, to be looked at and compared with photos."""
+"""Render a mesh with its texture, for comparison with photos."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Data that the steps of the texture hand to each other."""
+"""Data classes that the steps of the texture exchange."""
 
 from __future__ import annotations
 

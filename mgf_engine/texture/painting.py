@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The choice of photos that paint a mesh, with the photos themselves."""
+"""The photos chosen for the faces of a mesh, with the images themselves."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Seams between photos made invisible: a smooth correction of each photo's colours, so that both sides agree.
+"""Seam levelling: a smooth colour correction of each photo, so that both sides of a seam agree.
 
 The correction g at the vertices of each photo's patches minimises the differences left across seams and the
 differences of g along edges (Waechter, Moehrle, Goesele: Let There Be Color!, ECCV 2014, section 3.3), here with

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The texture of a finished mesh, from its job's scene and masks."""
+"""Make the texture of a finished mesh from its job's scene and masks."""
 
 from __future__ import annotations
 

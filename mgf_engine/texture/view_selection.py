@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photo paints which face: few photos, so that seams are few, each where it shows its faces nearly best."""
+"""View selection: choose a photo for each face, few photos with few seams, each at nearly its best resolution."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clicks without a hand: what sparse points and hulls say lies on a building and beside it, in the photos that see it.
+"""Automatic clicks from sparse points and hulls: pixels on a building and beside it, in the photos that show it.
 
 A sparse point is where photos agree, so its track names the very pixels that show it: points on walls and roof are
 clicks on the building, points on the ground, on trees and on neighbours are clicks beside it. Where a building has few

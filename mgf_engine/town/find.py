@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Buildings in the sparse points alone: what stands above the ground, hangs together and is flat in parts."""
+"""Find buildings in the sparse points alone: connected groups above the ground with planar parts."""
 
 from __future__ import annotations
 

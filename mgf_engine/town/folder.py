@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The folder of a town: refused where it holds something else, taken away again where nothing came of it."""
+"""Check and clean the output folder of a town."""
 
 from __future__ import annotations
 

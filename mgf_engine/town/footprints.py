@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Footprints of buildings from the files that maps come in: GeoJSON, GeoPackage, Shapefile and CityJSON."""
+"""Read footprints of buildings from map files: GeoJSON, GeoPackage, Shapefile and CityJSON."""
 
 from __future__ import annotations
 

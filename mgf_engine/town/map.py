@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map to check by eye: points by height, footprints by state, cameras."""
+"""Draw an overview map: points by height, footprints by state, cameras."""
 
 from __future__ import annotations
 

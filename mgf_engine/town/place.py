@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Footprints and photos in one frame: by the scene's georeference, by point pairs, or by the scene's own axes."""
+"""Place footprints in the scene's frame: by georeference, by point pairs, or by the scene's own axes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What comes back of a town: one table, one model, one page."""
+"""Collect the results of a town: one table, one model, one page."""
 
 from __future__ import annotations
 

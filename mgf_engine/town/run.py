@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf town``: plan the buildings, run their jobs under Snakemake, show how far they are, gather what comes back."""
+"""``mgf town``: plan the buildings, run their jobs with Snakemake, show progress, collect the results."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf suggest-clicks``: clicks on one building without a map, for somebody to look at before they are used."""
+"""``mgf suggest-clicks``: automatic clicks on one building without a map, to be checked before use."""
 
 from __future__ import annotations
 

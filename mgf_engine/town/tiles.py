@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A town as 3D Tiles 1.1: a tile for each building, coarse from afar and fine from near."""
+"""Write a town as 3D Tiles 1.1: a tile for each building with several levels of detail."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photos see which building, how well, and which of them are worth using."""
+"""Select the photos for each building by visibility and size."""
 
 from __future__ import annotations
 

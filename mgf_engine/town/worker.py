@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One building of a town: ``python -m mgf_engine.town.worker buildings/ID``, as the Snakefile calls it.
+"""Run the job of one building of a town: ``python -m mgf_engine.town.worker buildings/ID``, called by Snakemake.
 
 The job is made in this process, so that nothing is left of it when the process is killed. ``status.json`` says where it
 is; ``done.json`` is written last of all.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much memory tile lists get before anybody knows how long they are.
+"""Predict the capacity of tile lists on the GPU, before their length is known.
 
 The number of entries is found on the card; to wait for it in the iteration it belongs to would leave the card idle. So
 the host takes room from what earlier renderings of as many tiles needed. A rendering that needs more than its room
