@@ -69,12 +69,14 @@ MASK_PARTS: dict[str, Options] = {
     "no votes on faces": {"face_votes": False},
     "no second level": {"second_level": "off"},  # so that the building is the only mask of eq. 19
 }
-#: What the paper's setting gains by single parts of ours, one at a time; the last two change the mesh stage alone.
+#: What the paper's setting gains by parts of ours, one at a time. The last three change the mesh stage alone; of them the
+#: third compares eq. 23-25 with fused depths, each at the level of the sparse points.
 PARTS_OF_OURS: dict[str, Options] = {
     "started on our surface": {"start": "surface"},
     "background beside the building kept empty": {"background_lambda": 0.02},
     "level of the sparse points": {"calibrate_level": True},
     "fused depths": {"surface": "fused"},
+    "fused depths at the level of the sparse points": {"surface": "fused", "calibrate_level": True},
 }
 #: Other readings of 7,000 iterations than a whole run, whose schedule keeps the shares of 30,000: densification that
 #: never stops, and the first 7,000 of 30,000, in which the terms from 15,000 on never act.
