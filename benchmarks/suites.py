@@ -69,8 +69,8 @@ MASK_PARTS: dict[str, Options] = {
     "no votes on faces": {"face_votes": False},
     "no second level": {"second_level": "off"},  # so that the building is the only mask of eq. 19
 }
-#: What the paper's setting gains by parts of ours, one at a time. The last three change the mesh stage alone; of them the
-#: third compares eq. 23-25 with fused depths, each at the level of the sparse points.
+#: What the paper's setting gains by parts of ours, one at a time. The last three change the mesh stage alone; the last
+#: compares eq. 23-25 with fused depths, each at the level of the sparse points.
 PARTS_OF_OURS: dict[str, Options] = {
     "started on our surface": {"start": "surface"},
     "background beside the building kept empty": {"background_lambda": 0.02},
