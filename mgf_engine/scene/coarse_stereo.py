@@ -90,7 +90,7 @@ def confirmed_texture(depths: Depths, o: CoarseStereoOptions) -> float:
 def on_aliased_texture(
     depths: Depths, index: int, places: NDArray[np.floating], o: CoarseStereoOptions
 ) -> NDArray[np.bool_]:
-    """Tell which places of a photo have texture around them that no neighbour confirms.
+    """Find the positions in a photo whose texture no neighbouring photo confirms, which is probably aliased.
 
     Args:
         depths: depth maps of the photos.
@@ -127,9 +127,9 @@ def match_reduced(
     Args:
         scene: photos, cameras and sparse points.
         views: indices of the views.
-        kept: [P], sparse points that tell which views are neighbours and how far away things are.
+        kept: sparse points for the choice of neighbours and the range of depths, bool [P].
         inside: view -> bool [H, W], the pixels that are wanted; None for all.
-        matching: as photos are matched that are not reduced.
+        matching: options for photos that are not reduced.
         o: how far photos are reduced, and what counts.
         threads: number of worker threads.
         check: called between photos; may raise to cancel.

@@ -74,12 +74,12 @@ class Depths:
         return np.stack([rows, columns], 1)[keep], points[keep]
 
     def confirms(self, index: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell whether a view's depth map has a depth where points [N, 3] project, and it is theirs, bool [N]."""
+        """Tell whether a view's depth map agrees with the depth of points [N, 3], bool [N]."""
         z, seen = self._compare(index, points)
         return (seen > 0) & (np.abs(seen - z) < self.tolerance * z)
 
     def hides(self, index: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell whether a view's depth map lies before points [N, 3] by more than twice the tolerance, bool [N]."""
+        """Tell whether a view's depth map occludes points [N, 3] by more than twice the tolerance, bool [N]."""
         z, seen = self._compare(index, points)
         return (seen > 0) & (z - seen > 2 * self.tolerance * z)
 
@@ -113,9 +113,9 @@ def match_photos(
     Args:
         scene: photos, cameras and sparse points.
         views: indices of the views.
-        kept: [P], sparse points that tell which views are neighbours and how far away things are.
+        kept: sparse points for the choice of neighbours and the range of depths, bool [P].
         inside: view -> bool [H, W], the pixels that are wanted; None for all.
-        matching: how.
+        matching: options of the matching.
         threads: number of worker threads.
         check: called between photos; may raise to cancel.
     """

@@ -44,10 +44,10 @@ class ExposureOptions:
 
 
 def even_exposure(scene: Scene, folder: Path, threads: int = 1, options: ExposureOptions = ExposureOptions()) -> Array:
-    """Rewrite the working photos in ``folder`` so that all show the building in the same light.
+    """Rewrite the working photos in ``folder`` with equal exposure and white balance.
 
     Args:
-        scene: its points tell which pixels of the photos show the same.
+        scene: its tracks are the pixels that show the same point.
         folder: holds the working photos of ``scene`` under their file names.
         threads: photos that are worked on at a time.
         options: from which difference on photos are changed, and how strongly.

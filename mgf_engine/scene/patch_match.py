@@ -208,7 +208,7 @@ def search_struct(
 def _choose(
     planes: PixelPlanes, other: Array | None, shape: tuple[int, int], tolerance: float, o: PatchMatchOptions
 ) -> Array:
-    """Return the depth map [h, w] of what is sure, and of what another map says, too."""
+    """Return the depth map [h, w] of the depths that are certain, or that another depth map confirms."""
     sure, likely = planes.depth(shape, o.sure_score), planes.depth(shape, o.agreed_score)
     if other is None:
         return sure

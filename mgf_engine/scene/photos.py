@@ -54,9 +54,9 @@ class Photo:
 
 
 def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter: Reporter) -> list[Photo]:
-    """Look at every photo's header and decide its size, rotation and working camera.
+    """Read the header of each photo, and choose its size, rotation and working camera.
 
-    A photo that cannot be read is planned as its camera says; :func:`make_photos` finds it again.
+    An unreadable photo gets the size of its camera; :func:`make_photos` reports it.
 
     Args:
         model: cameras of the photos.

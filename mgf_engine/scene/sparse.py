@@ -96,7 +96,7 @@ class Rigs:
 
 @dataclass(frozen=True)
 class SparseModel:
-    """Everything a COLMAP folder says; checked by :func:`check_model`."""
+    """The content of a COLMAP model; checked by :func:`check_model`."""
 
     folder: Path
     cameras: dict[int, SparseCamera]
@@ -212,8 +212,7 @@ def _check_points(model: SparseModel) -> None:
 
 
 def _point_of_keypoint(model: SparseModel) -> NDArray[np.int64]:
-    """Find, for each track element, the point its keypoint says it belongs to; NO_POINT where there is no such
-    keypoint."""
+    """Find the point that the keypoint of each track element refers to; NO_POINT without such a keypoint."""
     points = model.points
     counts = np.array([len(image.point_ids) for image in model.images], np.int64)
     first = np.concatenate([[0], np.cumsum(counts)])

@@ -149,9 +149,9 @@ def find_outlier_points(scene: Scene, options: AdjustOptions = AdjustOptions()) 
 def find_outlier_views(
     brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()
 ) -> tuple[list[int], float]:
-    """Find photos whose brightness at their points has little to do with what the other photos show there.
+    """Find photos whose brightness at their points hardly correlates with that in other photos.
 
-    The least likely third is taken out at a time: foreign photos make their neighbours look foreign, too. Empty where
+    The worst third is taken out at a time: foreign photos lower the correlation of their neighbours, too. Empty where
     the photos hardly resemble each other at all. Also what three quarters of the others reach of
     :func:`photo_consistency`.
 

@@ -43,7 +43,7 @@ class Originals:
 
 @dataclass(frozen=True)
 class Painting:
-    """Which photo paints which face, and how.
+    """The assignment of photos to faces.
 
     Attributes:
         chosen: the views' places in the scene; views: those that may paint.

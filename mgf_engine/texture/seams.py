@@ -67,7 +67,7 @@ def level_seams(
     photo: Photo,
     o: SeamOptions = SeamOptions(),
 ) -> Corrections:
-    """Compute the corrections for the faces painted as ``label`` [F] says.
+    """Compute the colour corrections at the vertices of each photo's patches.
 
     Args:
         mesh: normalised frame.

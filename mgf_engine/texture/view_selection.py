@@ -63,7 +63,7 @@ def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 class _Pairs:
-    """Which views may paint which faces; asked for pairs."""
+    """Set of pairs of a view and a face that it may texture."""
 
     def __init__(self, face: NDArray[np.int32], view: NDArray[np.int32]) -> None:
         self._base = int(view.max(initial=0)) + 1
