@@ -78,6 +78,21 @@ def check_place(folder: Path, index: str, what: str) -> None:
         raise BadInput(f"The folder '{folder}' is not empty and holds no {what}; give an empty or new folder.")
 
 
+def tell_of_earlier(folder: Path, index: str, reporter: Reporter) -> None:
+    """Warn before a run of which only a part was asked for that it replaces everything an earlier run made.
+
+    Args:
+        folder: of both runs; index: name of the file that the earlier run left there.
+        reporter: takes the warning.
+    """
+    if (folder / index).is_file():
+        count = sum(1 for _ in folder.iterdir())
+        reporter.warning(
+            f"This run takes the place of the earlier one in '{folder}' ({count} files); stop it and give --out to "
+            "keep them."
+        )
+
+
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
     """Return a folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise.

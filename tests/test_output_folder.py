@@ -10,7 +10,7 @@ import pytest
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Message, Reporter
-from mgf_engine.output_folder import Cost, Deliverables, check_place, new_folder
+from mgf_engine.output_folder import Cost, Deliverables, check_place, new_folder, tell_of_earlier
 
 
 def test_a_whole_folder_replaces_the_old_one(tmp_path: Path) -> None:
@@ -41,6 +41,16 @@ def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
     (tmp_path / "drawings.json").touch()
     check_place(tmp_path, "drawings.json", "drawings")
     check_place(tmp_path / "new", "drawings.json", "drawings")
+
+
+def test_a_part_is_said_to_take_the_place_of_everything_before(tmp_path: Path) -> None:
+    said: list[Message] = []
+    tell_of_earlier(tmp_path, "drawings.json", Reporter(said.append))
+    assert not said
+    for name in ("drawings.json", "plan.svg"):
+        (tmp_path / name).touch()
+    tell_of_earlier(tmp_path, "drawings.json", Reporter(said.append))
+    assert "(2 files); stop it and give --out" in said[0]["text"]
 
 
 def test_files_are_on_record_and_the_result_names_them(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation, with_parts
 from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_facades, plan_frame
 from mgf_engine.drawings.ground import ground_of
+from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Facade, Frame, Survey
 from mgf_engine.drawings.opening_edges import edge_photos
@@ -44,7 +45,7 @@ from mgf_engine.job_folder import locked, with_algorithms_of_job
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.messages import Reporter
-from mgf_engine.output_folder import Cost, check_place, new_folder
+from mgf_engine.output_folder import Cost, check_place, new_folder, tell_of_earlier
 from mgf_engine.system import write_json
 from mgf_engine.texture.painting import Painting
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
@@ -70,6 +71,8 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
     reporter.stage(STAGE)
     folder = (out or job / "drawings").resolve()
     check_place(folder, INDEX, "drawings")
+    if wanted.kinds != frozenset(KINDS):
+        tell_of_earlier(folder, INDEX, reporter)
     cost = Cost()
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):

@@ -24,8 +24,8 @@ from mgf_engine.models.points import surface_points, write_laz
 from mgf_engine.models.report import add_to_report
 from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
 from mgf_engine.models.solid.openings import OpeningOptions, add_openings
-from mgf_engine.models.work import ModelOptions, Work
-from mgf_engine.output_folder import Cost, check_place, new_folder
+from mgf_engine.models.work import KINDS, ModelOptions, Work
+from mgf_engine.output_folder import Cost, check_place, new_folder, tell_of_earlier
 from mgf_engine.system import write_json
 
 STAGE = "models"
@@ -49,6 +49,8 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
     reporter.stage(STAGE)
     folder = (out or job / STAGE).resolve()
     check_place(folder, INDEX, STAGE)
+    if set(wanted.kinds) != set(KINDS):
+        tell_of_earlier(folder, INDEX, reporter)
     cost = Cost()
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
