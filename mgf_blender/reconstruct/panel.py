@@ -10,7 +10,7 @@ from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
 from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
-from ..common.text import N_, draw_sentence, tr
+from ..common.text import N_, draw_sentence, look_up, tr
 from ..engine.status_label import draw_engine_missing
 from .estimate import duration, estimate, photos_of
 from .operators import interrupted, last_job
@@ -33,6 +33,11 @@ _START = {
     "views": N_("Reading masks"), "lines": N_("Finding edges"), "dense": N_("Matching photos"),
     "planes": N_("Finding planes"), "cut": N_("Making the surface"),
 }  # fmt: skip
+#: How jobs most often end early, as :func:`in_panel_words` has it: for the dictionaries.
+_ENDS = (
+    N_("The disk is full; free some space and press Resume."),
+    N_("Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),
+)
 #: What is shown while a command runs that is no stage.
 _TOOLS = {
     "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
@@ -166,7 +171,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         figures = {name: value for name, value in job.figures.items() if name != "start"}  # which the bar says
         draw_figures(box, dict(list(figures.items())[:6]))
     for text in job.warnings[-3:]:
-        draw_sentence(box, in_panel_words(text), "INFO")
+        draw_sentence(box, look_up(in_panel_words(text)), "INFO")
 
 
 def _draw_buttons(layout: bpy.types.UILayout, job: Job) -> None:
@@ -209,7 +214,7 @@ def _headline(job: Job) -> str:
 def _outcome(job: Job) -> str:
     """Return how a job ended."""
     if job.text or job.status != DONE:
-        return in_panel_words(job.text) or tr("Cancelled")
+        return look_up(in_panel_words(job.text)) if job.text else tr("Cancelled")
     return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=duration(job.seconds))
 
 

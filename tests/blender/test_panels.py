@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import json
 import time
 import venv
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -18,6 +20,7 @@ from mgf_blender.engine.task import Step, Task
 from mgf_blender.preferences import MGF_Preferences
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
+from mgf_blender.reconstruct import panel
 from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct, in_panel_words
 from mgf_blender.reconstruct.start import job_options, make_job
 from mgf_blender.results import async_import
@@ -128,6 +131,22 @@ def test_running_waiting_and_cancelled(addon, engine, house, marked):
 )  # fmt: skip
 def test_sentences_of_the_engine_speak_of_the_panel(engine_says, panel_says):
     assert in_panel_words(engine_says) == panel_says
+
+
+@pytest.mark.parametrize(
+    ("engine_says", "panel_says"),
+    [
+        ("Cancelled; run again with --resume to continue.", "Cancelled; press Resume to continue."),
+        ("The disk is full; free some space and run again with --resume.",
+         "The disk is full; free some space and press Resume."),
+        ("Out of memory; lower --resolution or --max-gaussians and run again with --resume.",
+         "Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),
+    ],
+)  # fmt: skip
+def test_how_a_job_ended_is_said_in_the_users_language(engine_says, panel_says, monkeypatch):
+    german = json.loads((Path(preferences.__file__).parent / "languages" / "de_DE.json").read_text(encoding="utf-8"))
+    monkeypatch.setattr(panel, "look_up", lambda text: german.get(text, text))
+    assert panel._outcome(SimpleNamespace(text=engine_says, status="FAILED")) == german[panel_says] != panel_says
 
 
 def test_a_full_disk_points_to_the_button(addon, engine, house, marked):
