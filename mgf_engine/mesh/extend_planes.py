@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.photo_consistency import PatchPhotos
+from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, without_folds
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
+from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
 
 Array = NDArray[np.float64]
@@ -31,6 +33,7 @@ class PlaneExtensionOptions:
     """Options of moving labelled vertices."""
 
     labels: PlaneLabelOptions = PlaneLabelOptions()
+    borders: PlaneBorderOptions = PlaneBorderOptions()
     angle: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
     reach: float = parameter(3.0, "Maximum distance of a vertex from an edge or a corner, beyond that from its planes",
                              "ground px")  # fmt: skip
@@ -44,6 +47,7 @@ def extend_planes(
     planes: Planes,
     photos: PatchPhotos,
     o: PlaneExtensionOptions = PlaneExtensionOptions(),
+    relief: Relief | None = None,
 ) -> Mesh:
     """Project the vertices labelled with a plane onto it, or onto the crease of two planes.
 
@@ -54,6 +58,7 @@ def extend_planes(
         planes: found on ``mesh``.
         photos: what sees its vertices.
         o: costs, distances and rounds.
+        relief: keeps what stands out of a plane together; None keeps nothing.
 
     Returns:
         The mesh with values ``ON_PLANE``; ``flat`` as it is where no vertex belongs to a plane.
@@ -63,12 +68,18 @@ def extend_planes(
     if not len(some):
         return flat
     constraint = _constraints(mesh, pixel, planes, label, o)
+    single = constraint.single(len(label))
+    if relief is not None:
+        constraint.raise_planes(np.flatnonzero(single), relief.heights(
+            mesh, pixel, planes, np.flatnonzero(single), label[single].astype(np.int64)))  # fmt: skip
     at = flat.vertices.copy()
     at[some] = mesh.vertices[some]
     at, fixed = constraint.project(at), (label < 0) | _on_border(mesh)
     for _ in range(o.rounds):
         at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
-    return replace(flat, vertices=at, values={**flat.values, ON_PLANE: (label >= 0).astype(np.uint8)})
+    at += slope_steps(mesh, pixel, planes, label, single, o.borders)
+    at, kept = without_folds(mesh, flat.vertices, at)
+    return replace(flat, vertices=at, values={**flat.values, ON_PLANE: ((label >= 0) & kept).astype(np.uint8)})
 
 
 def _on_border(mesh: Mesh) -> NDArray[np.bool_]:
@@ -84,7 +95,7 @@ class _Constraints:
     """Planes that vertices stay in: one, two that meet in a line, or three in a corner.
 
     Attributes:
-        vertex: numbers, [K].
+        vertex: numbers, ascending, [K].
         normals, offsets: of up to three planes each, zeros for none, [K, 3, 3] and [K, 3].
         inverse: pseudo-inverses of ``normals``, [K, 3, 3].
     """
@@ -93,6 +104,16 @@ class _Constraints:
     normals: Array
     offsets: Array
     inverse: Array
+
+    def single(self, count: int) -> NDArray[np.bool_]:
+        """Tell which of ``count`` vertices have one plane, bool [count]."""
+        result = np.zeros(count, bool)
+        result[self.vertex[~self.normals[:, 1].any(1)]] = True
+        return result
+
+    def raise_planes(self, vertex: NDArray[np.int64], height: Array) -> None:
+        """Move the planes of vertices [K] that have one each outwards by heights [K]."""
+        self.offsets[np.searchsorted(self.vertex, vertex), 0] += height
 
     def moves(self, at: Array) -> Array:
         """Return the shortest way of the vertices at ``at`` [N, 3] into their planes, [K, 3]."""
@@ -125,10 +146,10 @@ def _constraints(
     far = way > o.reach * pixel[whole.vertex] + off
     alone = _assembled(planes, whole.vertex[far], label[whole.vertex[far]].astype(np.int64), label)
     near = ~far
+    order = np.argsort(np.r_[whole.vertex[near], alone.vertex])
     return _Constraints(
-        np.r_[whole.vertex[near], alone.vertex],
-        *(np.concatenate([getattr(whole, name)[near], getattr(alone, name)])
-          for name in ("normals", "offsets", "inverse")),
+        *(np.concatenate([getattr(whole, name)[near], getattr(alone, name)])[order]
+          for name in ("vertex", "normals", "offsets", "inverse"))
     )  # fmt: skip
 
 

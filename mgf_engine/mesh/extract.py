@@ -24,9 +24,11 @@ from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import see_vertices
-from mgf_engine.mesh.planar import flatten_planes
+from mgf_engine.mesh.planar import flatten, flatten_planes
+from mgf_engine.mesh.plane_borders import fade_moves
 from mgf_engine.mesh.raw_surface import RAW_SURFACE_DONE, SurfaceInputs, raw_surface, timed_part
 from mgf_engine.mesh.refine import RefinementOptions, project_onto_surface, refine
+from mgf_engine.mesh.relief import Relief
 from mgf_engine.mesh.screening import screen
 from mgf_engine.mesh.trusted_views import TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField
@@ -195,13 +197,18 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
         trusted: photos and masks; without photos to match, planes are not extended.
         options: of the planes, the patches and the labels.
     """
-    pixel = ground_pixels(mesh, trusted.views)
-    flat, planes = flatten_planes(mesh, pixel, options.planes)
-    if trusted.photos is None or planes is None:
+    pixel = ground_pixels(mesh, trusted.views).astype(np.float64)
+    if trusted.photos is None:
+        return flatten(mesh, pixel, options.planes)
+    photos = see_vertices(mesh, pixel, trusted.views, trusted.photos.grey, options.patches)
+    relief = Relief(photos, options.relief)
+    flat, planes, inside = flatten_planes(mesh, pixel, options.planes, relief)
+    if planes is None:
         return flat
-    size = pixel.astype(np.float64)
-    photos = see_vertices(mesh, size, trusted.views, trusted.photos.grey, options.patches)
-    return extend_planes(mesh, flat, size, planes, photos, options.extension)
+    result = extend_planes(mesh, flat, pixel, planes, photos, options.extension, relief)
+    inside |= result.values.get(ON_PLANE, np.zeros(len(inside), np.uint8)) > 0
+    moves = fade_moves(mesh, result.vertices - mesh.vertices, inside, options.extension.borders)
+    return replace(result, vertices=mesh.vertices + moves)
 
 
 def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:

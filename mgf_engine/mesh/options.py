@@ -20,6 +20,7 @@ from mgf_engine.mesh.photo_consistency import PatchOptions
 from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.refine import RefinementOptions
+from mgf_engine.mesh.relief import ReliefOptions
 from mgf_engine.mesh.screening import ScreeningOptions
 from mgf_engine.mesh.tetrahedra import TetrahedraOptions
 from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions
@@ -82,6 +83,7 @@ class ExtractionOptions:
     components: ComponentFilterOptions = ComponentFilterOptions()
     refinement: RefinementOptions = RefinementOptions()
     planes: PlanarOptions = PlanarOptions()
+    relief: ReliefOptions = ReliefOptions()
     patches: PatchOptions = PatchOptions()
     extension: PlaneExtensionOptions = PlaneExtensionOptions()
     colors: ColorOptions = ColorOptions()

@@ -9,6 +9,7 @@ Vertices farther away do not move.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,16 @@ from numpy.typing import NDArray
 from mgf_engine.mesh.near_planes import listed, near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import MeshFaces, Planes, find_planes, measure_faces
+from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
+
+
+class Flattened(NamedTuple):
+    """A flattened mesh, the planes (None where there are none) and which vertices are in one, bool [N]."""
+
+    mesh: Mesh
+    planes: Planes | None
+    inside: NDArray[np.bool_]
 
 
 def flatten(mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions()) -> Mesh:
@@ -25,30 +35,33 @@ def flatten(mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOp
     Args:
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
     """
-    return flatten_planes(mesh, pixel, o)[0]
+    return flatten_planes(mesh, pixel, o).mesh
 
 
 def flatten_planes(
-    mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions()
-) -> tuple[Mesh, Planes | None]:
-    """Flatten as :func:`flatten` does; return also the planes, None where there are none.
+    mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions(), relief: Relief | None = None
+) -> Flattened:
+    """Flatten as :func:`flatten` does; return also the planes.
 
     Args:
         mesh: of any frame.
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
         o: of the planes.
+        relief: keeps what stands out of a plane together; None keeps nothing within noise.
     """
+    nothing = Flattened(mesh, None, np.zeros(len(mesh.vertices), bool))
     if len(mesh.faces) == 0 or not (np.asarray(pixel) > 0).all():
-        return mesh, None
+        return nothing
     size: NDArray[np.float64] = np.asarray(pixel, np.float64)
     faces = measure_faces(mesh, size, o)
     planes = find_planes(faces, o)
     if len(planes.normals) == 0:
-        return mesh, None
+        return nothing
     near = near_planes(mesh, size, planes, o.band, o.rings)
     label = _label_creases(mesh, faces, planes, near.vertex, near.plane, o)
-    moved = mesh.vertices + _moves(mesh, size, planes, label, near.vertex, o)
-    return replace(mesh, vertices=_unturned(mesh, moved, planes, label)), planes
+    moves, inside = _moves(mesh, size, planes, label, near.vertex, o, relief)
+    moved = _unturned(mesh, mesh.vertices + moves, planes, label)
+    return Flattened(replace(mesh, vertices=moved), planes, inside & (moved != mesh.vertices).any(1))
 
 
 def _label_creases(
@@ -87,8 +100,12 @@ def _moves(
     label: NDArray[np.int32],
     near: NDArray[np.int64],
     o: PlanarOptions,
-) -> NDArray[np.float64]:
-    """Return the shortest displacement of each vertex into the planes of its faces, [N, 3]; 0 if that is too far."""
+    relief: Relief | None,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the shortest way of each vertex into the planes of its faces, [N, 3], none where it is too far.
+
+    Also return which vertices go the whole way, bool [N].
+    """
     count, total = len(planes.normals), len(pixel)
     several = np.bincount(near, minlength=total) > 1
     labelled = np.flatnonzero(label >= 0)
@@ -104,6 +121,8 @@ def _moves(
     far[vertex[~one & (np.abs(off) > reach)]] = True
     place = np.arange(len(vertex)) - (np.cumsum(times) - times)[vertex]
     moves = np.zeros((total, 3))
+    if relief is not None:
+        off[one] -= relief.heights(mesh, pixel, planes, vertex[one], plane[one])
     moves[vertex[one]] = -(share * off)[one, None] * planes.normals[plane[one]]
     far |= times > 3
     more = ~one & ~far[vertex]
@@ -114,7 +133,9 @@ def _moves(
         moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=0.15), want)
     far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, o.crease_move, o.band) * pixel
     moves[far] = 0
-    return moves
+    inside = np.zeros(total, bool)
+    inside[np.r_[vertex[one & (share == 1)], rows]] = True
+    return moves, inside & ~far
 
 
 def _unturned(mesh: Mesh, moved: NDArray[np.float64], planes: Planes, label: NDArray[np.int32]) -> NDArray[np.float64]:

@@ -66,7 +66,7 @@ def textured(surface):
 def extended(mesh, views, photo, options=PlaneExtensionOptions()):
     pixel = np.ones(len(mesh.vertices))
     pictures = [photo(view) for view in views]
-    flat, planes = flatten_planes(mesh, pixel)
+    flat, planes, _ = flatten_planes(mesh, pixel)
     assert planes is not None
     photos = see_vertices(mesh, pixel, views, lambda number: pictures[number])
     return flat, extend_planes(mesh, flat, pixel, planes, photos, options)
@@ -263,7 +263,7 @@ def test_a_vertex_does_not_go_beyond_the_crease_of_its_plane():
 def test_labels_are_of_planes_or_none():
     mesh = worn_box()
     pixel = np.ones(len(mesh.vertices))
-    _, planes = flatten_planes(mesh, pixel)
+    _, planes, _ = flatten_planes(mesh, pixel)
     views = outside_views()
     photos = see_vertices(mesh, pixel, views, lambda number: plain(views[number]))
     label = label_vertices(mesh, pixel, planes, photos)

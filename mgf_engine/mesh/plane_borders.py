@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blend the borders of flattened planes: no step where a plane ends or a bowed wall is two planes, and no fold.
+
+Vertices that go into a plane leave their neighbours behind. So moves fade out over these, small steps between nearly
+parallel planes become slopes, and vertices whose faces would turn over stay where they were.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.model.mesh import Mesh
+
+Array = NDArray[np.float64]
+_HALVINGS = 4  # times that a vertex goes back by half before it goes back altogether
+
+
+@dataclass(frozen=True)
+class PlaneBorderOptions:
+    """Options of blending the borders of planes."""
+
+    angle: float = parameter(20.0, "Maximum angle between two planes that are nearly parallel", "degrees")
+    steps: tuple[float, float] = parameter(
+        (1.5, 2.5), "Height of a step between such planes up to which it becomes a slope, and from which it stays",
+        "ground px",
+    )  # fmt: skip
+    slope_rounds: int = parameter(20, "Number of rounds that spread a slope, one edge each")
+    slope_share: float = parameter(0.9, "Share of a slope's height left after each edge", high=1)
+    fade_rounds: int = parameter(10, "Number of rounds over which moves fade out, one edge each")
+    fade_share: float = parameter(0.9, "Share of a move left after each edge", high=1)
+    fade_outward: float = parameter(
+        0.3, "The same of moves out of the building, since sunken walls end at windows, whose reveals stay", high=1
+    )
+
+
+def slope_steps(
+    mesh: Mesh,
+    pixel: Array,
+    planes: Planes,
+    label: NDArray[np.int32],
+    single: NDArray[np.bool_],
+    o: PlaneBorderOptions = PlaneBorderOptions(),
+) -> Array:
+    """Return the moves [N, 3] that turn small steps between nearly parallel planes into slopes.
+
+    Args:
+        mesh: whose vertices get labels.
+        pixel: size of a ground pixel at each vertex, [N].
+        planes: found on this mesh.
+        label: the plane of each vertex, -1 for none, [N].
+        single: which vertices lie in one plane only, bool [N]; the others stay.
+        o: angle, heights and widths.
+    """
+    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
+    a, b = np.r_[start, end].astype(np.int64), np.r_[end, start]
+    parallel = planes.normals @ planes.normals.T > np.cos(np.radians(o.angle))
+    meet = (label[a] >= 0) & (label[b] >= 0) & (label[a] != label[b]) & parallel[label[a], label[b]] & single[a]
+    a, own, other = a[meet], label[a[meet]], label[b[meet]]
+    step = planes.distances(mesh.vertices[a], own) - planes.distances(mesh.vertices[a], other)
+    low, high = o.steps
+    step *= np.clip((high - np.abs(step) / pixel[a]) / max(high - low, 1e-12), 0, 1)
+    times = np.bincount(a, minlength=len(label))
+    half = np.bincount(a, step / 2, len(label)) / np.maximum(times, 1)
+    moves, fixed = np.zeros((len(label), 3)), ~single | (times > 0)
+    moves[times > 0] = half[times > 0, None] * planes.normals[label[times > 0]]
+    for _ in range(o.slope_rounds):
+        moves = mesh.adjacency.smooth(moves, fixed)
+        moves[~fixed] *= o.slope_share
+    return moves
+
+
+def fade_moves(
+    mesh: Mesh, moves: Array, fixed: NDArray[np.bool_], o: PlaneBorderOptions = PlaneBorderOptions()
+) -> Array:
+    """Return moves [N, 3] that fade out over the neighbours of vertices in planes.
+
+    Args:
+        mesh: before the moves.
+        moves: of its vertices, [N, 3].
+        fixed: which vertices are in planes and keep their moves, bool [N].
+        o: over how many edges.
+    """
+    free = np.flatnonzero(~fixed)
+    normals = vertex_normals(mesh)[free]
+    moves = np.ascontiguousarray(moves)
+    for _ in range(o.fade_rounds):
+        moves = mesh.adjacency.smooth(moves, fixed)
+        outward = np.einsum("ij,ij->i", moves[free], normals) > 0
+        moves[free] *= np.where(outward, o.fade_outward, 1.0)[:, None] * o.fade_share
+    return moves
+
+
+def without_folds(mesh: Mesh, before: Array, at: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Move vertices back until no face is turned over: of each such face the one that went furthest, by half its way.
+
+    Args:
+        mesh: its faces.
+        before: vertices before they were moved, [N, 3].
+        at: vertices, [N, 3].
+
+    Returns:
+        The vertices [N, 3], and which of them were not moved back, bool [N].
+    """
+    at, times = at.copy(), np.zeros(len(at), np.int64)
+    old, way = _normals(before, mesh.faces), np.linalg.norm(at - before, axis=1)
+    check = np.flatnonzero((way > 0)[mesh.faces].any(1))
+    while len(check):
+        turned = check[np.einsum("ij,ij->i", _normals(at, mesh.faces[check]), old[check]) < 0]
+        corner = way[mesh.faces[turned]].argmax(1)
+        back = np.unique(mesh.faces[turned, corner])
+        back = back[way[back] > 0]
+        times[back] += 1
+        share = np.where(times[back] < _HALVINGS, 0.5, 0.0)
+        at[back] = before[back] + share[:, None] * (at[back] - before[back])
+        way[back] *= share
+        check = np.flatnonzero(np.isin(mesh.faces, back).any(1))
+    return at, times == 0
+
+
+def _normals(at: Array, faces: NDArray[np.integer]) -> Array:
+    """Return the normals of faces [F, 3], as long as twice their areas."""
+    a, b, c = (at[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
