@@ -27,7 +27,7 @@ class PlaneBorderOptions:
 
     angle: float = parameter(20.0, "Maximum angle between two planes that are nearly parallel", "degrees")
     steps: tuple[float, float] = parameter(
-        (1.5, 2.5), "Height of a step between such planes up to which it becomes a slope, and from which it stays",
+        (0.8, 1.6), "Height of a step between such planes up to which it becomes a slope, and from which it stays",
         "ground px",
     )  # fmt: skip
     slope_rounds: int = parameter(20, "Number of rounds that spread a slope, one edge each")

@@ -42,7 +42,7 @@ def test_a_small_step_becomes_a_slope():
     assert profile[-1] == pytest.approx(0.6, abs=0.02)
 
 
-@pytest.mark.parametrize(("step", "turn"), [(2.5, 0.0), (5.0, 0.0), (0.6, 40.0)])
+@pytest.mark.parametrize(("step", "turn"), [(1.6, 0.0), (5.0, 0.0), (0.6, 40.0)])
 def test_high_steps_and_edges_stay(step, turn):
     assert not slopes(step, turn)[2].any()
 
