@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
@@ -54,6 +56,9 @@ class PlaneLabelOptions:
     step_cost: float = parameter(0.2, "Cost of an edge whose ends have different labels, a step apart")
     full_step: float = parameter(2.0, "Distance between the places of two labels that costs a full step", "ground px")
     facing: float = parameter(-0.2, "Minimum cosine between a vertex's normal and the plane's", low=-1.0, high=1)
+    island_area: float = parameter(100.0, "Area up to which vertices without plane go into the plane around them",
+                                   "ground px²")  # fmt: skip
+    island_height: float = parameter(2.5, "Maximum distance of such vertices from that plane", "ground px")
     rounds: int = parameter(10, "Number of rounds of iterated conditional modes")
 
 
@@ -89,7 +94,39 @@ def label_vertices(
     candidates = _candidates(mesh, pixel, planes, o)
     area = np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
     cost = np.minimum(area, 9.0)[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, o)
-    return _choose(mesh, pixel, planes, candidates.near, cost, np.minimum(area, 9.0) * o.no_plane_cost, o)
+    label = _choose(mesh, pixel, planes, candidates.near, cost, np.minimum(area, 9.0) * o.no_plane_cost, o)
+    return _fill_islands(mesh, pixel, planes, area, label, o)
+
+
+def _fill_islands(
+    mesh: Mesh, pixel: Array, planes: Planes, area: Array, label: NDArray[np.int32], o: PlaneLabelOptions
+) -> NDArray[np.int32]:
+    """Give small and low groups of vertices without plane the most frequent label around them.
+
+    The planes around them must be nearly parallel; a group between others, such as a crease, stays.
+    """
+    start, neighbour = mesh.adjacency.neighbours()
+    vertex, free = np.repeat(np.arange(len(label)), np.diff(start)), label < 0
+    inside, rim = free[vertex] & free[neighbour], free[vertex] & ~free[neighbour]
+    graph = coo_array((np.ones(inside.sum(), np.int8), (vertex[inside], neighbour[inside])), (len(label), len(label)))
+    count, group = connected_components(graph, directed=False)
+    around, plane = group[vertex[rim]], label[neighbour[rim]].astype(np.int64)
+    keys, times = np.unique(around.astype(np.int64) * len(planes.normals) + plane, return_counts=True)
+    order = np.argsort(times, kind="stable")
+    frequent = np.full(count, -1, np.int32)
+    frequent[keys[order] // len(planes.normals)] = keys[order] % len(planes.normals)  # the last one written stays
+    total = np.bincount(around, minlength=count)
+    sums = np.stack([np.bincount(around, planes.normals[plane, k], count) for k in range(3)], 1)
+    even = np.linalg.norm(sums, axis=1) > np.cos(np.radians(o.crease / 4)) * np.maximum(total, 1)
+    rows = np.flatnonzero(free & (even & (total > 0) & (np.bincount(group, area, count) < o.island_area))[group])
+    height = np.zeros(count)
+    np.maximum.at(
+        height, group[rows], np.abs(planes.distances(mesh.vertices[rows], frequent[group[rows]])) / pixel[rows]
+    )
+    rows = rows[height[group[rows]] < o.island_height]
+    label = label.copy()
+    label[rows] = frequent[group[rows]]
+    return label
 
 
 def _candidates(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> _Candidates:

@@ -13,7 +13,7 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_detection import Planes
-from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, label_vertices
+from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, _fill_islands, label_vertices
 from mgf_engine.model.mesh import Mesh
 from tests.mesh.test_planar import box, joined, noisy, sheet
 from tests.support.analytic import camera
@@ -270,3 +270,28 @@ def test_labels_are_of_planes_or_none():
     assert label.shape == (len(mesh.vertices),)
     assert label.min() >= -1
     assert label.max() < len(planes.normals)
+
+
+def island(radius, height=1.5, turn=0.0):
+    """Labels after islands are filled: a wall of two planes ``turn`` degrees apart, without label within ``radius``."""
+    mesh = joined(sheet(LINE, LINE, lambda u, v: (u, v, height * (np.hypot(u - 75, v - 75) < radius))))
+    angle = np.radians(turn)
+    normals = np.array([[0, 0, 1.0], [np.sin(angle), 0, np.cos(angle)]])
+    planes = Planes(normals, normals @ MIDDLE, np.full(2, 0.1), np.zeros(len(mesh.faces), np.int32))
+    inside = np.hypot(*(mesh.vertices[:, :2] - 75).T) < radius
+    label = np.where(inside, -1, mesh.vertices[:, 0] > 75.1).astype(np.int32)
+    area = np.full(len(label), 1.5**2)
+    result = _fill_islands(mesh, np.ones(len(label)), planes, area, label, PlaneLabelOptions())
+    assert np.array_equal(result[~inside], label[~inside])
+    return result[inside]
+
+
+def test_a_small_island_gets_the_plane_around_it():
+    assert len(set(island(5.0))) == 1
+    assert island(5.0).min() >= 0
+    assert island(5.0, turn=3.0).min() >= 0, "two planes of one bowed wall"
+
+
+@pytest.mark.parametrize(("radius", "height", "turn"), [(8.0, 1.5, 0.0), (5.0, 3.0, 0.0), (5.0, 1.5, 40.0)])
+def test_large_and_tall_islands_and_those_on_edges_stay(radius, height, turn):
+    assert (island(radius, height, turn) == -1).all()
