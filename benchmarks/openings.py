@@ -31,6 +31,7 @@ from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Surface, read_surface
+from mgf_engine.geometry.boxes import intersection_over_union
 from mgf_engine.job_folder import read_job, with_algorithms_of_job
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
@@ -101,18 +102,9 @@ def boxes_in(openings: Sequence[Array], frame: Frame, survey: Survey, truth: Sur
     return np.array(boxes).reshape(-1, 4)
 
 
-def overlaps(one: Array, other: Array) -> Array:
-    """Return the intersection over union of each of ``one`` [N, 4] with each of ``other`` [M, 4], [N, M]."""
-    low = np.maximum(one[:, None, :2], other[None, :, :2])
-    high = np.minimum(one[:, None, 2:], other[None, :, 2:])
-    both = np.prod(np.maximum(high - low, 0), axis=2)
-    areas = [np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) for boxes in (one, other)]
-    return np.asarray(both / (areas[0][:, None] + areas[1][None] - both))
-
-
 def compare(true: Array, drawn: Array) -> Score:
     """Match drawn rectangles [M, 4] with true ones [N, 4]."""
-    overlap = overlaps(true, drawn)
+    overlap = intersection_over_union(true, drawn)
     rows, columns = linear_sum_assignment(overlap, maximize=True)
     good = overlap[rows, columns] >= OVERLAP
     off = drawn[columns[good]] - true[rows[good]]

@@ -22,6 +22,7 @@ from mgf_engine.drawings.opening_edges import EdgePhotos, OpeningEdgeOptions, mo
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.rectangles import align_edges
 from mgf_engine.drawings.regions import Regions
+from mgf_engine.geometry.boxes import box_areas, intersection_areas
 
 
 @dataclass(frozen=True)
@@ -158,11 +159,14 @@ def _filling(share: NDArray[np.float32], rectangle: Array, side: float) -> tuple
 
 
 def _without_doubles(found: list[tuple[float, Array, int]]) -> list[tuple[Array, int]]:
-    """Drop rectangles much of which lies in one that is more like a rectangle, or that in them; each with its wall."""
+    """Drop rectangles that overlap one of a higher score (non-maximum suppression); each with its wall.
+
+    Two overlap where they share 0.3 of the smaller one's area: a pane in its window is dropped, too.
+    """
     kept = list[tuple[Array, int]]()
     for _, box, wall in sorted(found, key=lambda entry: -entry[0]):
-        both = [np.prod(np.maximum(np.minimum(box[2:], o[2:]) - np.maximum(box[:2], o[:2]), 0)) for o, _ in kept]
-        areas = [min(np.prod(o[2:] - o[:2]), np.prod(box[2:] - box[:2])) for o, _ in kept]
-        if all(b < 0.3 * a for b, a in zip(both, areas, strict=True)):
+        others, this = np.array([other for other, _ in kept]).reshape(-1, 4), box[None]
+        smaller = np.minimum(box_areas(others), box_areas(this))
+        if (intersection_areas(this, others)[0] < 0.3 * smaller).all():
             kept.append((box, wall))
     return kept

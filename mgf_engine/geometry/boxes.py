@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Axis-aligned bounding boxes that ignore a few outliers."""
+"""Axis-aligned bounding boxes: of points without a few outliers, with space around them, and how far they overlap."""
 
 from __future__ import annotations
 
@@ -27,3 +27,21 @@ def pad_box(low: Corner, high: Corner, padding: float) -> tuple[Corner, Corner]:
     """Return the corners of a box with space on all sides: ``padding`` times its longest side."""
     space = padding * float((high - low).max())
     return low - space, high + space
+
+
+def box_areas(boxes: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Compute the areas [N] of axis-aligned rectangles [N, 4], each (low x, low y, high x, high y)."""
+    return np.asarray(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1))
+
+
+def intersection_areas(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Compute the area that each rectangle of ``one`` [N, 4] shares with each of ``other`` [M, 4], [N, M]."""
+    low = np.maximum(one[:, None, :2], other[None, :, :2])
+    high = np.minimum(one[:, None, 2:], other[None, :, 2:])
+    return np.asarray(np.prod(np.maximum(high - low, 0), axis=2))
+
+
+def intersection_over_union(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Compute the intersection over union of each rectangle of ``one`` [N, 4] with each of ``other`` [M, 4], [N, M]."""
+    both = intersection_areas(one, other)
+    return np.asarray(both / (box_areas(one)[:, None] + box_areas(other)[None] - both))

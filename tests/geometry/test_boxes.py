@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes leave out outliers and are padded alike on all sides."""
+"""Boxes leave out outliers and are padded alike on all sides; their overlap is that of rectangles by hand."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mgf_engine.geometry.boxes import pad_box, percentile_box
+from mgf_engine.geometry.boxes import intersection_areas, intersection_over_union, pad_box, percentile_box
 
 GRID = np.column_stack([np.linspace(0, 100, 101), np.linspace(10, 20, 101), np.full(101, 3.0)])
 
@@ -34,3 +34,11 @@ def test_the_given_corners_are_kept() -> None:
     corners = np.zeros(3), np.ones(3)
     pad_box(*corners, 1.0)
     assert corners[0].tolist() == [0, 0, 0] and corners[1].tolist() == [1, 1, 1]
+
+
+def test_overlap_of_rectangles() -> None:
+    square = np.array([[0.0, 0, 2, 2]])
+    others = np.array([[0.0, 0, 2, 2], [1, 1, 3, 3], [2, 0, 4, 2], [5, 5, 6, 9]])  # same, corner, touching, apart
+    assert intersection_areas(square, others).tolist() == [[4, 1, 0, 0]]
+    assert intersection_over_union(square, others).tolist() == [[1, 1 / 7, 0, 0]]
+    assert intersection_over_union(square, np.zeros((0, 4))).shape == (1, 0)
