@@ -118,7 +118,7 @@ def _job_command(args: argparse.Namespace) -> int:
             run_job(job, reporter, until=STAGE_NAMES[-1] if args.command == "reconstruct" else args.command)
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
-        code = _fail(reporter, error, log_path)
+        code = _fail(reporter, error, args.out, log_path)
         if new and isinstance(
             error, BadInput
         ):  # the message says everything, so no log is needed; unlike for a full disk
@@ -135,9 +135,9 @@ def _open_job(args: argparse.Namespace) -> Job:
     return Job.start(args.out, args.scene, args.prompts, args.masks, _given_options(args), resume=resume)
 
 
-def _fail(reporter: Reporter, error: BaseException, log_path: Path | None) -> int:
-    """Report in one sentence why the job failed, log the traceback of a fault, and return the exit code."""
-    code, text = explain(error)
+def _fail(reporter: Reporter, error: BaseException, folder: Path, log_path: Path | None) -> int:
+    """Report in one sentence why the job in a folder failed, log the traceback of a fault, and return the exit code."""
+    code, text = explain(error, place=folder)
     log = logging.getLogger("mgf")
     if code == EXIT_FAULT:
         details = "".join(traceback.format_exception(error))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import errno
 import re
+from pathlib import Path
 
 from mgf_engine.system import near_memory_limit
 
@@ -44,12 +45,21 @@ def is_full_disk(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in _FULL_DISK
 
 
-def explain(error: BaseException, *, resumable: bool = True, again: str = "") -> tuple[int, str]:
+def _full_folder(error: BaseException, place: Path | None) -> Path | None:
+    """Return the folder whose disk is full: of the file that the error names, or else the one that was written to."""
+    name = getattr(error, "filename", None)  # missing where an open file could not grow
+    return Path(name).absolute().parent if isinstance(name, str) and name else place
+
+
+def explain(
+    error: BaseException, *, resumable: bool = True, again: str = "", place: Path | None = None
+) -> tuple[int, str]:
     """Return the exit code and sentence of an error.
 
     Args:
         resumable: it ended a job, which goes on from where it was.
         again: how to go on, where that is not ``--resume``.
+        place: folder that was written to, for errors that name no file.
     """
     again = again or ("run again with --resume" if resumable else "run again")
     if isinstance(error, BadInput):
@@ -59,7 +69,10 @@ def explain(error: BaseException, *, resumable: bool = True, again: str = "") ->
     if isinstance(error, BrokenPipeError):
         return EXIT_CANCELLED, f"The reader of the progress messages has closed; {again} to continue."
     if is_full_disk(error):
-        return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
+        folder = _full_folder(error, place)
+        if folder is None:
+            return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
+        return EXIT_BAD_INPUT, f"The disk of '{folder}' is full; free some space and {again}."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its permissions or give another folder."
     if isinstance(error, OSError) and error.errno in _BAD_PATH:

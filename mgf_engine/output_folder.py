@@ -59,8 +59,9 @@ class Deliverables:
     def send(self, folder: Path, **figures: int) -> None:
         """Send the files, which are in their folder now, and figures as the result of the command."""
         files = {name: str(folder / name) for name in self.files}
-        figures["CPU seconds"] = round(sum(self.cost.seconds.values()))
-        self.reporter.send("result", path=str(folder), files=files, figures=figures)
+        seconds = sum(self.cost.seconds.values())
+        shown = {**figures, "CPU seconds": round(seconds, 1) if seconds < 10 else round(seconds)}
+        self.reporter.send("result", path=str(folder), files=files, figures=shown)
 
 
 def check_place(folder: Path, index: str, what: str) -> None:

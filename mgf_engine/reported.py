@@ -81,7 +81,7 @@ def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -
             work(reporter)
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
-        code, text = explain(error, resumable=False)
+        code, text = explain(error, resumable=False, place=getattr(args, "out", None))
         if code == EXIT_FAULT:
             traceback.print_exception(error)
         if code == EXIT_CANCELLED:

@@ -214,7 +214,8 @@ def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, tria
 @pytest.mark.parametrize(
     ("error", "code", "part"),
     [
-        (OSError(errno.ENOSPC, "No space left on device"), 2, "disk is full"),
+        (OSError(errno.ENOSPC, "No space left on device"), 2, "The disk is full"),
+        (OSError(errno.ENOSPC, "No space left on device", "/far/off/mesh.ply"), 2, "The disk of '/far/off' is full"),
         (PermissionError(errno.EACCES, "Permission denied", "x"), 2, "No permission for 'x'"),
         (MemoryError(), 2, "Out of memory"),
         (KeyboardInterrupt(), 3, "Cancelled"),

@@ -61,4 +61,14 @@ def test_files_are_on_record_and_the_result_names_them(tmp_path: Path) -> None:
     work.send(tmp_path, facades=4)
     (message,) = said
     assert message["type"] == "result" and message["files"] == {"plan.svg": str(tmp_path / "plan.svg")}
-    assert message["figures"] == {"facades": 4, "CPU seconds": 4} and work.files == {"plan.svg": {"kind": "plan"}}
+    assert message["figures"] == {"facades": 4, "CPU seconds": 4.1} and work.files == {"plan.svg": {"kind": "plan"}}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "shown"), [(0.04, "0.0"), (0.31, "0.3"), (9.94, "9.9"), (10.4, "10"), (75.6, "76")]
+)
+def test_short_runs_have_a_decimal(tmp_path: Path, seconds: float, shown: str) -> None:
+    said: list[Message] = []
+    cost = Cost({"lines": seconds})
+    Deliverables(config=make_config(), folder=tmp_path, reporter=Reporter(said.append), cost=cost).send(tmp_path)
+    assert str(said[0]["figures"]["CPU seconds"]) == shown

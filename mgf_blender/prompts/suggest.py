@@ -23,7 +23,7 @@ from ..scene_import.crop import crop_text
 from ..scene_import.tree import Tree
 from . import files
 from .operators import add_missing
-from .properties import active_photo
+from .properties import active_photo, photo_of_image
 
 KIND = "suggest"
 _FILE = "prompts.json"
@@ -88,6 +88,20 @@ class MGF_OT_suggest_clicks(JobOperator):
         return submit(self, suggest_job(context.scene))
 
 
+def _working(scene: bpy.types.Scene) -> bool:
+    """Tell whether someone works on the chosen photo: it has points, or an Image Editor shows it."""
+    photo, index = active_photo(scene), scene.mgf.photo_index
+    if photo is None:
+        return False
+    shown = [area.spaces.active.image for area in open_areas() if area.type == "IMAGE_EDITOR"]
+    return len(photo.clicks) > 0 or any(photo_of_image(scene, image) == index for image in shown)
+
+
+def open_areas() -> list[bpy.types.Area]:
+    """Return the areas of all windows."""
+    return [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
+
+
 class MGF_OT_take_suggestions(Operator):
     """Show the points that the engine proposes; photos with points of your own get none"""
 
@@ -112,7 +126,7 @@ class MGF_OT_take_suggestions(Operator):
                 files.add_click(photo, u, v, negative, part, proposed=True)
             taken += len(clicks)
         first = next((i for i, photo in enumerate(state.photos) if photo in proposed(scene)), None)
-        if first is not None:
+        if first is not None and not _working(scene):
             state.photo_index = first
         text = tr("{count} points proposed in {photos} photos", count=taken, photos=len(proposed(scene)))
         self.report({"INFO"}, text)

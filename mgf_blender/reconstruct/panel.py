@@ -34,10 +34,7 @@ _START = {
     "planes": N_("Finding planes"), "cut": N_("Making the surface"),
 }  # fmt: skip
 #: How jobs most often end early, as :func:`in_panel_words` has it: for the dictionaries.
-_ENDS = (
-    N_("The disk is full; free some space and press Resume."),
-    N_("Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),
-)
+_ENDS = (N_("Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),)
 #: What is shown while a command runs that is no stage.
 _TOOLS = {
     "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
@@ -214,8 +211,16 @@ def _headline(job: Job) -> str:
 def _outcome(job: Job) -> str:
     """Return how a job ended."""
     if job.text or job.status != DONE:
-        return look_up(in_panel_words(job.text)) if job.text else tr("Cancelled")
+        return _ended_early(in_panel_words(job.text)) if job.text else tr("Cancelled")
     return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=duration(job.seconds))
+
+
+def _ended_early(text: str) -> str:
+    """Return in the user's language how a job ended early."""
+    full = re.fullmatch(r"The disk of '(.*)' is full; free some space and press Resume\.", text)
+    if full:
+        return tr("The disk of '{folder}' is full; free some space and press Resume.", folder=full[1])
+    return look_up(text)
 
 
 def in_panel_words(text: str) -> str:

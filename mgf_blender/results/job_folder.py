@@ -44,12 +44,16 @@ def read_delivery(folder: Path) -> Delivery:
     """Read ``deliver.json`` of a job folder.
 
     Raises:
-        UserError: the job has not finished, or the file cannot be used.
+        UserError: there is no such folder, the job has not finished, or the file cannot be used.
     """
     path = folder / "deliver.json"
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
+        if not folder.is_dir():
+            raise UserError(
+                "The job folder '{folder}' does not exist; choose the folder of a finished job.", folder=folder
+            ) from error
         raise UserError(
             "'{folder}' holds no finished job (deliver.json is missing); resume the job first.", folder=folder
         ) from error

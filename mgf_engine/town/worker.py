@@ -109,7 +109,7 @@ def run_building(folder: Path, attempt: int, threads: int, solid: bool = False) 
         write_json(folder / DONE, {**figures, "seconds": status.values["seconds"], "attempt": attempt})
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
-        code, text = explain(error, again="run again")
+        code, text = explain(error, again="run again", place=folder)
         if code == EXIT_FAULT:
             traceback.print_exception(error)
         status.write_last(state=STOPPED if code == EXIT_CANCELLED else FAILED, text=text, code=code)

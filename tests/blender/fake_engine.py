@@ -191,7 +191,12 @@ def main() -> int:
         send("failed", code=2, text="The scene has no photos; give another folder.", log=None)
         return 2
     if mode == "full":
-        send("failed", code=2, text="The disk is full; free some space and run again with --resume.", log=None)
+        send(
+            "failed",
+            code=2,
+            text=f"The disk of '{job}' is full; free some space and run again with --resume.",
+            log=None,
+        )
         return 2
     send("started", job=str(job), pid=os.getpid(), version="9.9", stages=STAGES)
     send("warning", text="Two photos are blurred; they count less.")

@@ -82,7 +82,7 @@ def test_scene_alone(house, tmp_path):
     ("arguments", "words"),
     [
         (["--scene", "{nowhere}"], "does not exist"),
-        (["--job", "{nowhere}"], "no finished job"),
+        (["--job", "{nowhere}"], "does not exist"),
         ([], "Nothing to import"),
         (["--scene", "{house}", "--picture", "{nowhere}/p.png"], "no mesh"),
     ],

@@ -15,6 +15,7 @@ from layouts import draw
 
 from mgf_blender import preferences
 from mgf_blender.common import runner
+from mgf_blender.common import text as panel_text
 from mgf_blender.engine import operators as engine_operators
 from mgf_blender.engine.task import Step, Task
 from mgf_blender.preferences import MGF_Preferences
@@ -114,8 +115,8 @@ def test_running_waiting_and_cancelled(addon, engine, house, marked):
 @pytest.mark.parametrize(
     ("engine_says", "panel_says"),
     [
-        ("The disk is full; free some space and run again with --resume.",
-         "The disk is full; free some space and press Resume."),
+        ("The disk of '/a b' is full; free some space and run again with --resume.",
+         "The disk of '/a b' is full; free some space and press Resume."),
         ("The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu.",
          "The card's memory is full; lower Resolution or Max Gaussians, or use Device cpu."),
         ("There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks.",
@@ -137,8 +138,6 @@ def test_sentences_of_the_engine_speak_of_the_panel(engine_says, panel_says):
     ("engine_says", "panel_says"),
     [
         ("Cancelled; run again with --resume to continue.", "Cancelled; press Resume to continue."),
-        ("The disk is full; free some space and run again with --resume.",
-         "The disk is full; free some space and press Resume."),
         ("Out of memory; lower --resolution or --max-gaussians and run again with --resume.",
          "Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),
     ],
@@ -147,6 +146,14 @@ def test_how_a_job_ended_is_said_in_the_users_language(engine_says, panel_says, 
     german = json.loads((Path(preferences.__file__).parent / "languages" / "de_DE.json").read_text(encoding="utf-8"))
     monkeypatch.setattr(panel, "look_up", lambda text: german.get(text, text))
     assert panel._outcome(SimpleNamespace(text=engine_says, status="FAILED")) == german[panel_says] != panel_says
+
+
+def test_a_full_disk_is_named_in_the_users_language(monkeypatch):
+    german = json.loads((Path(preferences.__file__).parent / "languages" / "de_DE.json").read_text(encoding="utf-8"))
+    monkeypatch.setattr(panel_text, "look_up", lambda text: german.get(text, text))
+    said = "The disk of '/jobs/a' is full; free some space and run again with --resume."
+    shown = panel._outcome(SimpleNamespace(text=said, status="FAILED"))
+    assert "„/jobs/a“" in shown and "Fortsetzen" in shown
 
 
 def test_a_full_disk_points_to_the_button(addon, engine, house, marked):

@@ -327,7 +327,8 @@ def test_a_full_disk_is_called_that(source: Path, tmp_path: Path, monkeypatch: p
     monkeypatch.setattr("mgf_engine.scene.load.save_scene", full)
     with pytest.raises(OSError) as caught:
         load(source, tmp_path / "job")
-    assert explain(caught.value)[1] == "The disk is full; free some space and run again with --resume."
+    said = explain(caught.value, place=tmp_path / "job")[1]
+    assert said == f"The disk of '{tmp_path / 'job'}' is full; free some space and run again with --resume."
 
 
 def test_cancelling(source: Path, tmp_path: Path) -> None:

@@ -75,7 +75,10 @@ def test_a_job_on_a_full_disk_says_so_and_is_not_tried_smaller(
         context.setattr(tempfile, "mkstemp", full)
         assert run_building(folder, 1, 1) == EXIT_BAD_INPUT
     status = json.loads((folder / STATUS).read_text())
-    assert status["state"] == "failed" and status["text"] == "The disk is full; free some space and run again."
+    assert (
+        status["state"] == "failed"
+        and status["text"] == f"The disk of '{folder}' is full; free some space and run again."
+    )
     assert not worth_retrying(status) and not (folder / DONE).exists()
 
 

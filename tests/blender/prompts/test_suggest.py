@@ -5,13 +5,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 from layouts import draw
 
-from mgf_blender.prompts import files, preview
+from mgf_blender.prompts import files, preview, properties, suggest
 from mgf_blender.prompts.drawing import ring_triangles
 from mgf_blender.prompts.panel import MGF_PT_prompts
 from mgf_blender.prompts.suggest import proposed
@@ -59,6 +60,30 @@ def test_proposed_points_do_not_count_until_they_are_accepted(state, house, phot
     assert "Points proposed in" not in draw(MGF_PT_prompts).said  # nor the warnings of that run
     with pytest.raises(RuntimeError, match="No points are proposed"):
         bpy.ops.mgf.accept_suggestions()
+
+
+def test_the_photo_that_someone_works_on_stays(state):
+    scene = bpy.context.scene
+    at = len(scene.mgf.photos) - 1
+    scene.mgf.photo_index = at
+    files.add_click(scene.mgf.photos[at], 1, 2, False, "building")
+    bpy.ops.mgf.suggest_clicks()
+    assert len(proposed(scene)) and scene.mgf.photo_index == at
+
+
+def test_a_photo_in_an_image_editor_stays_and_one_that_nobody_chose_does_not(state, monkeypatch):
+    scene = bpy.context.scene
+    at = len(scene.mgf.photos) - 1
+    scene.mgf.photo_index = at
+    image = properties.photo_image(scene.mgf.photos[at])
+    area = SimpleNamespace(type="IMAGE_EDITOR", spaces=SimpleNamespace(active=SimpleNamespace(image=image)))
+    windows = [SimpleNamespace(screen=SimpleNamespace(areas=[area]))]
+    monkeypatch.setattr(suggest, "open_areas", lambda: [a for window in windows for a in window.screen.areas])
+    bpy.ops.mgf.suggest_clicks()
+    assert scene.mgf.photo_index == at
+    area.spaces.active.image = None
+    bpy.ops.mgf.suggest_clicks()
+    assert scene.mgf.photos[scene.mgf.photo_index] in proposed(scene)
 
 
 def test_a_proposed_point_is_a_ring_through_which_the_photo_shows():

@@ -123,7 +123,7 @@ def test_no_engine(ready, monkeypatch, tmp_path):
     ("mode", "words"),
     [
         ("bad", "no photos"),
-        ("full", "disk is full"),
+        ("full", "The disk of "),
         ("silent", "code 77 .Segmentation fault in kernel.; press Resume"),
     ],
 )

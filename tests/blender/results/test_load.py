@@ -201,6 +201,7 @@ def test_picture_leaves_the_file_as_it_was(scene, house, tmp_path):
     ("damage", "words"),
     [
         (lambda job: (job / "deliver.json").unlink(), "no finished job"),
+        (lambda job: job.rename(job.with_name("elsewhere")), "job folder '.*' does not exist"),
         (lambda job: (job / "deliver.json").write_text("{"), "Cannot read"),
         (lambda job: (job / "deliver.json").write_text('{"views": [{}]}'), "not what this version reads"),
         (lambda job: (job / "mesh.ply").write_bytes((job / "mesh.ply").read_bytes()[:-7]), "damaged or ends too early"),
