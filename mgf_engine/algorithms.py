@@ -48,6 +48,11 @@ RENAMED_OPTIONS = {
     "planar.seed_block": "planar.seed_coarse",
     "patch_match.most_off": "patch_match.consistency_max_cost",
     "patch_match.held_score": "patch_match.consistency_min_ncc",
+    "prior.sure": "prior.least_confidence",
+    "prior.trust": "prior.unmatched_weight",
+    "tsdf.through": "tsdf.free_space_alpha",
+    "tsdf.through_weight": "tsdf.free_space_weight",
+    "mesh_refinement.sure": "mesh_refinement.search_tolerance",
 }
 
 

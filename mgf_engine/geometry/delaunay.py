@@ -34,7 +34,7 @@ Waiting = Callable[[Callable[[], None]], Tetrahedra]
 
 
 @contextlib.contextmanager
-def begun(points: Points, around: Points | None = None) -> Iterator[Waiting]:
+def background_delaunay(points: Points, around: Points | None = None) -> Iterator[Waiting]:
     """Begin :func:`delaunay` of points beside what is done inside; gives a function that waits for the result.
 
     Args:

@@ -35,7 +35,9 @@ Tetrahedra = NDArray[np.int32]
 
 
 @contextlib.contextmanager
-def begun(points: Points, around: Points | None = None) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]]:
+def background_delaunay(
+    points: Points, around: Points | None = None
+) -> Iterator[Callable[[Callable[[], None]], Tetrahedra]]:
     """Begin the tetrahedra of points beside what is done inside; gives a function that waits for them, [T, 4].
 
     Args:
@@ -128,7 +130,7 @@ def main(count: int) -> int:
     points = np.frombuffer(sys.stdin.buffer.read(3 * 8 * count)).reshape(-1, 3)
     threading.Thread(target=end_with_the_job, daemon=True).start()
     try:
-        found = tetrahedralize(points)  # `begun` has looked at the points
+        found = tetrahedralize(points)  # `background_delaunay` has looked at the points
     except BadInput as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT

@@ -14,7 +14,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mgf_engine.mesh.depth_smoothing import smooth_depth
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
-from mgf_engine.mesh.photometric import Matched, Surface, match_surface, without_match
+from mgf_engine.mesh.photometric import Matched, RenderedSurface, match_surface, without_match
 from mgf_engine.mesh.prior import PriorOptions, RenderedPrior, choose_depths, combine_surfaces
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
@@ -58,7 +58,7 @@ class ViewSurfaces:
         prior: number of a view -> the starting surface rendered from it; None if that is not used.
     """
 
-    show: Callable[[int], Surface]
+    show: Callable[[int], RenderedSurface]
     device: torch.device = CPU
     prior: Callable[[int], RenderedPrior] | None = None
 
@@ -68,7 +68,7 @@ class _MatchTask:
     """Mask of a view, and the surface and prior rendered from the view (first) and its neighbours."""
 
     mask: NDArray[np.uint8]
-    surfaces: list[Surface]
+    surfaces: list[RenderedSurface]
     prior: list[RenderedPrior]
 
 
@@ -149,7 +149,7 @@ def _views_with_neighbours(
     in_order = [k for numbers in wanted for k in numbers]
     left = np.bincount(in_order, minlength=len(masks))
     drawn = each_view(shown.show, list(dict.fromkeys(in_order)), shown.device)
-    surfaces: dict[int, Surface] = {}
+    surfaces: dict[int, RenderedSurface] = {}
     before: dict[int, RenderedPrior] = {}  # the prior, rendered from the same views
     for numbers in wanted:
         for k in numbers:
@@ -182,7 +182,7 @@ def _match(asked: _MatchTask, options: FusionOptions) -> DepthMap:
 
 def render_surface(
     gaussians: Gaussians, view: View, grey: NDArray[np.uint8] | None = None, options: TsdfOptions = TsdfOptions()
-) -> Surface:
+) -> RenderedSurface:
     """Render depth and normals of the field from a view.
 
     Args:
@@ -199,11 +199,13 @@ def render_surface(
     normal = seen.normal.numpy() / np.maximum(np.linalg.norm(seen.normal.numpy(), axis=0), 1e-6)
     depth = np.where((alpha >= options.min_alpha) & (depth > NEAR), depth, 0.0).astype(np.float32)
     grey = np.zeros(depth.shape, np.uint8) if grey is None else grey
-    return Surface(view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < options.through)
+    return RenderedSurface(
+        view, grey, depth, np.ascontiguousarray(normal.transpose(1, 2, 0)), alpha < options.free_space_alpha
+    )
 
 
 def depth_map(
-    surface: Surface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
+    surface: RenderedSurface, mask: NDArray[np.uint8], matched: Matched, options: TsdfOptions = TsdfOptions()
 ) -> DepthMap:
     """Make the depth map for the fusion: matched depths with a weight for each pixel.
 
@@ -216,19 +218,19 @@ def depth_map(
         options: weights of pixels with and without a match.
     """
     view, normal, depth = surface.view, surface.normal, matched.depth
-    trust = options.unmatched if matched.trust is None else matched.trust
+    unmatched = options.unmatched if matched.unmatched_weight is None else matched.unmatched_weight
     u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     slope = np.clip(
         -(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), options.least_slope, None
     )
     weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.correlation > 0, 1.0, trust)
+    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.correlation > 0, 1.0, unmatched)
     shown = depth > 0
     weight = np.where(shown, weight, 0.0)
     if shown.any():  # pixels that see past the field: the whole ray is free space
-        weight[surface.through] = options.through_weight * np.median(weight[shown])
-    depth, slope = np.where(surface.through, FAR, depth), np.where(surface.through, 1.0, slope)
+        weight[surface.free_space] = options.free_space_weight * np.median(weight[shown])
+    depth, slope = np.where(surface.free_space, FAR, depth), np.where(surface.free_space, 1.0, slope)
     rows, kept = _spans(mask == INSIDE)
     return DepthMap(
         view, mask, rows, np.stack([a[kept] for a in (depth, slope, weight, matched.correlation)], -1, dtype=np.float32)

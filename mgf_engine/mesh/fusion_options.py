@@ -24,9 +24,9 @@ class TsdfOptions:
         0.01, "Difference of mean and median depth beyond which a pixel shows several surfaces, as a share of the depth"
     )
     min_alpha: float = parameter(0.5, "Minimum opacity of a pixel that shows a surface", high=1)
-    through: float = parameter(0.2, "Opacity below which a pixel sees past the field, into free space", high=1)
-    through_weight: float = parameter(
-        0.25, "Weight of a pixel that sees past the field, as a share of the median weight"
+    free_space_alpha: float = parameter(0.2, "Opacity below which a pixel shows free space", high=1)
+    free_space_weight: float = parameter(
+        0.25, "Weight of a pixel that shows free space, as a share of the median weight of depths"
     )
     unmatched: float = parameter(0.2, "Weight of a depth without a match; a matched depth weighs 1")
     least_slope: float = parameter(

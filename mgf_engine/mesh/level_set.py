@@ -59,17 +59,17 @@ def extract_level_set(
     """
     count, crossed, times = len(blocks.members), list[int](), reporting.times
     with times.part("tetrahedra"):
-        state = field.classify(blocks.spanned.points)
+        state = field.classify(blocks.sites.points)
 
     def mesh_of(number: int) -> Mesh:
         def report(share: float) -> None:
             reporting.progress((number + share) / count)
 
         with times.part("tetrahedra"):
-            crossing = march(make_tetrahedra(number), state, blocks.spanned.points)
+            crossing = march(make_tetrahedra(number), state, blocks.sites.points)
             crossed.append(len(crossing.faces))
         with times.part("level set"):
-            mesh = _place(blocks.spanned, crossing, field, steps, report)
+            mesh = _place(blocks.sites, crossing, field, steps, report)
             return mesh if count < 2 else thin(clean.weld(clean.with_faces(mesh, mesh.faces)))
 
     mesh = mesh_of(0) if count < 2 else join_blocks(blocks, state, mesh_of, reporting.began)
@@ -79,15 +79,15 @@ def extract_level_set(
 
 
 def _place(
-    spanned: TetraPoints,
+    sites: TetraPoints,
     crossing: Crossing,
     field: OpacityField | TsdfField,
     steps: int,
     progress: Callable[[float], None],
 ) -> Mesh:
     """Place a vertex on each crossing edge; leave out faces with an overlong edge."""
-    kept = crossing.faces[~_overlong(spanned, crossing.edges)[crossing.faces].any(1)]
-    solid, free = (spanned.points[crossing.edges[:, k]] for k in range(2))
+    kept = crossing.faces[~_overlong(sites, crossing.edges)[crossing.faces].any(1)]
+    solid, free = (sites.points[crossing.edges[:, k]] for k in range(2))
 
     def signed(points: NDArray[np.float64], share: float) -> NDArray[np.float32]:
         return field.signed(points, lambda step: progress(share + step / max(steps, 1)))
@@ -96,8 +96,8 @@ def _place(
     return Mesh(vertices, kept, np.zeros((len(vertices), 3), np.uint8))
 
 
-def _overlong(spanned: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _overlong(sites: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Find the edges longer than the extents of their two Gaussians together, which span empty space, bool [E]."""
-    length = np.linalg.norm(spanned.points[edges[:, 0]] - spanned.points[edges[:, 1]], axis=1)
-    too_long: NDArray[np.bool_] = length > spanned.extent[edges].sum(1)
+    length = np.linalg.norm(sites.points[edges[:, 0]] - sites.points[edges[:, 1]], axis=1)
+    too_long: NDArray[np.bool_] = length > sites.extent[edges].sum(1)
     return too_long

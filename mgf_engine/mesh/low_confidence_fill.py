@@ -50,12 +50,12 @@ def fill_low_confidence(
         return mesh
     neighbours = _neighbours(mesh)
     moved, label = _of_patches(mesh, neighbours, np.flatnonzero(loose), options)
-    spanned = _spanned(mesh, neighbours, moved)
-    wrong = _dents_and_bags(mesh, spanned, moved, label, options)
+    membrane = _membrane(mesh, neighbours, moved)
+    wrong = _dents_and_bags(mesh, membrane, moved, label, options)
     moved, label = moved[wrong], label[wrong]
     while len(moved):
         vertices = mesh.vertices.astype(np.float64)
-        vertices[moved] = spanned[moved]
+        vertices[moved] = membrane[moved]
         first = _first_there(vertices, moved)
         faces, crowded = _merged(mesh.faces, first)
         if not crowded.any():
@@ -66,7 +66,7 @@ def fill_low_confidence(
     return mesh
 
 
-def _spanned(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]) -> NDArray[np.float64]:
+def _membrane(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return all vertices with the moved ones where each is the mean of its neighbours, [N, 3]."""
     vertices = mesh.vertices.astype(np.float64)
     if len(moved):
@@ -78,13 +78,13 @@ def _spanned(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]
 
 def _dents_and_bags(
     mesh: Mesh,
-    spanned: NDArray[np.float64],
+    membrane: NDArray[np.float64],
     moved: NDArray[np.int64],
     label: NDArray[np.int32],
     o: LowConfidenceFillOptions,
 ) -> NDArray[np.bool_]:
     """Return which of the moved vertices, [M], are of patches that gain volume when spanned or shrink to a fraction."""
-    patch = np.full(len(spanned), -1)
+    patch = np.full(len(membrane), -1)
     patch[moved] = label
     of_face = patch[mesh.faces].max(1)  # the vertices of a face are of one patch or of none
     faces, of_face = mesh.faces[of_face >= 0], of_face[of_face >= 0]
@@ -96,8 +96,8 @@ def _dents_and_bags(
         area, volume = np.linalg.norm(doubled, axis=1) / 2, (doubled * a).sum(1) / 6
         return tuple(np.bincount(of_face, amount, count).astype(np.float64) for amount in (area, volume))
 
-    (area, volume), (spanned_area, spanned_volume) = area_and_volume(mesh.vertices), area_and_volume(spanned)
-    wrong: NDArray[np.bool_] = (spanned_volume > volume) | (area > o.bag * spanned_area)
+    (area, volume), (membrane_area, membrane_volume) = area_and_volume(mesh.vertices), area_and_volume(membrane)
+    wrong: NDArray[np.bool_] = (membrane_volume > volume) | (area > o.bag * membrane_area)
     return wrong[label]
 
 

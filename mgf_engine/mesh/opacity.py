@@ -73,7 +73,7 @@ class OpacityField:
         order = spread_order(np.array([v.centre for v in views]))
         self.views = [views[i] for i in order]
         self.masks = [np.ascontiguousarray(masks[i]) for i in order]
-        self.asked = [_opened(mask) if options.every_view else mask for mask in self.masks]
+        self.voting_masks = [_without_background(mask) if options.every_view else mask for mask in self.masks]
         self.options, self.level, self.evidence = options, options.level, evidence
         self._kernel = kernel.PointOpacity(gaussians)
 
@@ -89,7 +89,7 @@ class OpacityField:
         points32 = np.ascontiguousarray(points, dtype=np.float32)
         state, seen = self._seen(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
-        for number, (view, mask) in enumerate(zip(self.views, self.asked, strict=True)):
+        for number, (view, mask) in enumerate(zip(self.views, self.voting_masks, strict=True)):
             progress(number / len(self.views))
             needed = np.minimum(self.options.agree, seen) - 1
             open_ = np.flatnonzero((state == SOLID) & (lowest[np.arange(len(points)), needed] >= self.level))
@@ -115,7 +115,7 @@ class OpacityField:
         points32 = np.ascontiguousarray(points, dtype=np.float32)
         state, _ = self._seen(points32)
         lowest = np.full((len(points), 2), 2.0, np.float32)
-        for view, mask in zip(self.views, self.asked, strict=True):
+        for view, mask in zip(self.views, self.voting_masks, strict=True):
             self._kernel.lower(lowest, points32, view, mask)
         found = lowest[(state == SOLID) & (lowest[:, 0] >= self.options.levels[0]) & (lowest[:, 0] <= 1.0), 0]
         if len(found) >= self.options.calibration_points:
@@ -148,7 +148,7 @@ class OpacityField:
         return state, judging
 
 
-def _opened(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _without_background(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a mask of :func:`mgf_engine.mesh.hull.silhouette_mask` without its background."""
     return np.where(mask == kernel.OUTSIDE, kernel.INSIDE, mask).astype(np.uint8)
 

@@ -44,7 +44,7 @@ class MatchOptions:
 
 
 @dataclass(frozen=True)
-class Surface:
+class RenderedSurface:
     """A photo with the depth and normals rendered from its view.
 
     Attributes:
@@ -52,14 +52,14 @@ class Surface:
         grey: the photo in grey levels, uint8 [H, W].
         depth: float32 [H, W], 0 for no surface.
         normal: unit normals in the camera frame, facing the camera, float32 [H, W, 3].
-        through: pixels that see past every surface, bool [H, W].
+        free_space: pixels that see past every surface, bool [H, W].
     """
 
     view: View
     grey: NDArray[np.uint8]
     depth: Array
     normal: Array
-    through: NDArray[np.bool_]
+    free_space: NDArray[np.bool_]
 
     @cached_property
     def quads(self) -> NDArray[np.uint32]:
@@ -76,23 +76,25 @@ class Matched:
         correlation: mean normalised cross-correlation at that depth, 0..1; 0 without a match.
         precision: inverse variance of the depth, per square pixel of parallax; 0 without a match.
         parallax: relative change of the inverse depth per pixel of parallax; 0 without a match.
-        trust: weight of depths without a match; None takes the option ``tsdf.unmatched``.
+        unmatched_weight: weight of depths without a match; None takes the option ``tsdf.unmatched``.
     """
 
     depth: Array
     correlation: Array
     precision: Array
     parallax: Array
-    trust: Array | None = None
+    unmatched_weight: Array | None = None
 
 
-def without_match(surface: Surface) -> Matched:
+def without_match(surface: RenderedSurface) -> Matched:
     """Return the rendered depth as an unmatched one."""
     nothing = np.zeros_like(surface.depth)
     return Matched(surface.depth, nothing, nothing, nothing)
 
 
-def match_surface(first: Surface, others: Sequence[Surface], options: MatchOptions = MatchOptions()) -> Matched:
+def match_surface(
+    first: RenderedSurface, others: Sequence[RenderedSurface], options: MatchOptions = MatchOptions()
+) -> Matched:
     """Refine the depth of ``first`` to the best mean correlation with its neighbours among the depths tried."""
     pixels = np.flatnonzero(first.depth.ravel() > 0).astype(np.int32)
     correlation, precision, parallax = (np.zeros(first.depth.size, np.float32) for _ in range(3))
@@ -108,7 +110,10 @@ def match_surface(first: Surface, others: Sequence[Surface], options: MatchOptio
 
 
 def correlations(
-    first: Surface, others: Sequence[Surface], pixels: NDArray[np.int32], options: MatchOptions = MatchOptions()
+    first: RenderedSurface,
+    others: Sequence[RenderedSurface],
+    pixels: NDArray[np.int32],
+    options: MatchOptions = MatchOptions(),
 ) -> tuple[Array, Array, Array]:
     """Compute the normalised cross-correlation of patches at each tried depth, summed over the neighbours.
 
@@ -134,7 +139,7 @@ def correlations(
     return scores, counts, step
 
 
-def _struct(surfaces: Sequence[Surface], first: View) -> NDArray[np.void]:
+def _struct(surfaces: Sequence[RenderedSurface], first: View) -> NDArray[np.void]:
     return photo_struct(first, [(s.quads, s.depth, s.view) for s in surfaces])
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import face_normals, render_mesh
-from mgf_engine.mesh.photometric import Matched, MatchOptions, Surface, match_surface
+from mgf_engine.mesh.photometric import Matched, MatchOptions, RenderedSurface, match_surface
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
@@ -32,9 +32,9 @@ class PriorOptions:
     gain: float = parameter(
         0.05, "Correlation by which photos must prefer the field where a plane is certain, and the plane elsewhere"
     )
-    sure: float = parameter(0.3, "Strength (0 to 1) from which a plane is certain", high=1)
+    least_confidence: float = parameter(0.3, "Minimum confidence (0 to 1) of a plane that counts as certain", high=1)
     plane_precision: float = parameter(1.0, "Precision of the strongest plane where no photo is matched", "1/px²")
-    trust: tuple[float, float] = parameter(
+    unmatched_weight: tuple[float, float] = parameter(
         (0.2, 0.6), "Weight of depths that no photo confirms: everywhere, and in addition on the strongest planes"
     )
 
@@ -45,11 +45,11 @@ class RenderedPrior:
 
     Attributes:
         surface: depth and normals.
-        sure: confidence of its planes, 0..1, float32 [H, W].
+        confidence: confidence of its planes, 0..1, float32 [H, W].
     """
 
-    surface: Surface
-    sure: Array
+    surface: RenderedSurface
+    confidence: Array
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,11 @@ class Prior:
 
     Attributes:
         mesh: normalised frame, faces oriented outward.
-        sure: confidence of the plane of each face, 0..1, float32 [F].
+        confidence: confidence of the plane of each face, 0..1, float32 [F].
     """
 
     mesh: Mesh
-    sure: Array
+    confidence: Array
 
     @cached_property
     def normals(self) -> NDArray[np.float64]:
@@ -73,13 +73,13 @@ class Prior:
         """Render the prior from a view whose photo in grey levels is ``grey``, uint8 [H, W]."""
         buffers = render_mesh(self.mesh, view)
         surface = visible_surface(buffers.depth, buffers.face, self.normals, view, grey)
-        sure = np.where(surface.depth > 0, self.sure[np.maximum(buffers.face, 0)], 0).astype(np.float32)
-        return RenderedPrior(surface, sure)
+        confidence = np.where(surface.depth > 0, self.confidence[np.maximum(buffers.face, 0)], 0).astype(np.float32)
+        return RenderedPrior(surface, confidence)
 
 
 def visible_surface(
     depth: Array, face: NDArray[np.int32], normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]
-) -> Surface:
+) -> RenderedSurface:
     """Make the rendered surface of a mesh from its depth and face buffers; back faces count as no surface.
 
     Args:
@@ -96,10 +96,14 @@ def visible_surface(
     v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
     front = normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2] < 0
     # A hole in the mesh is no evidence of free space: the surface may be missing there.
-    return Surface(view, grey, np.where(front, depth, 0.0).astype(np.float32), normal, np.zeros(face.shape, bool))
+    return RenderedSurface(
+        view, grey, np.where(front, depth, 0.0).astype(np.float32), normal, np.zeros(face.shape, bool)
+    )
 
 
-def combine_surfaces(field: Surface, known: RenderedPrior, options: PriorOptions = PriorOptions()) -> Surface:
+def combine_surfaces(
+    field: RenderedSurface, known: RenderedPrior, options: PriorOptions = PriorOptions()
+) -> RenderedSurface:
     """Combine field and prior: the prior where both agree and its plane is certain, or the field shows no surface.
 
     Args:
@@ -107,23 +111,23 @@ def combine_surfaces(field: Surface, known: RenderedPrior, options: PriorOptions
         known: the prior rendered from the same view.
         options: when depths agree, and when a plane is certain.
     """
-    prior, sure = known.surface, known.sure
+    prior, confidence = known.surface, known.confidence
     same = np.abs(field.depth - prior.depth) * field.view.fx < options.same * prior.depth
-    take = (prior.depth > 0) & ((same & (sure >= options.sure)) | (field.depth == 0))
+    take = (prior.depth > 0) & ((same & (confidence >= options.least_confidence)) | (field.depth == 0))
     depth = np.where(take, prior.depth, field.depth).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
-    return replace(field, depth=depth, normal=normal, through=field.through & (prior.depth == 0))
+    return replace(field, depth=depth, normal=normal, free_space=field.free_space & (prior.depth == 0))
 
 
 def choose_depths(
-    field: Surface,
+    field: RenderedSurface,
     known: RenderedPrior,
     matched: Matched,
-    others: Sequence[Surface],
+    others: Sequence[RenderedSurface],
     search: MatchOptions,
-    match: Callable[[Surface, Sequence[Surface], MatchOptions], Matched] = match_surface,
+    match: Callable[[RenderedSurface, Sequence[RenderedSurface], MatchOptions], Matched] = match_surface,
     options: PriorOptions = PriorOptions(),
-) -> tuple[Surface, Matched]:
+) -> tuple[RenderedSurface, Matched]:
     """Choose surface and matched depth of a view, for each pixel from the field or from the prior.
 
     Args:
@@ -138,19 +142,23 @@ def choose_depths(
     Returns:
         The chosen surface, and its matched depth.
     """
-    prior, sure = known.surface, known.sure
+    prior, confidence = known.surface, known.confidence
     there = prior.depth > 0
     apart = there & (np.abs(field.depth - prior.depth) * field.view.fx >= options.same * prior.depth)
     rival = match(replace(prior, depth=np.where(apart, prior.depth, 0).astype(np.float32)), others, search)
-    better = rival.correlation > matched.correlation - np.where(sure >= options.sure, options.gain, -options.gain)
+    better = rival.correlation > matched.correlation - np.where(
+        confidence >= options.least_confidence, options.gain, -options.gain
+    )
     # Without a match the prior wins if it is nearer: gaps between Gaussians show what is behind; the prior has no gaps.
-    silent = (matched.correlation == 0) & ((sure > 0) | (prior.depth < field.depth))
+    silent = (matched.correlation == 0) & ((confidence > 0) | (prior.depth < field.depth))
     take = apart & np.where(rival.correlation > 0, better, silent)
     depth = np.where(take, rival.depth, matched.depth).astype(np.float32)
     correlation = np.where(take, rival.correlation, matched.correlation).astype(np.float32)
     normal = np.where(take[..., None], prior.normal, field.normal).astype(np.float32)
     here = there & (np.abs(depth - prior.depth) * field.view.fx < options.same * prior.depth)
-    trust = np.where(here, options.trust[0] + options.trust[1] * sure, options.trust[0]).astype(np.float32)
+    weight = np.where(
+        here, options.unmatched_weight[0] + options.unmatched_weight[1] * confidence, options.unmatched_weight[0]
+    ).astype(np.float32)
     precision = np.where(take, rival.precision, matched.precision)
-    precision = np.where((precision == 0) & here, options.plane_precision * sure, precision).astype(np.float32)
-    return replace(field, depth=depth, normal=normal), Matched(depth, correlation, precision, matched.parallax, trust)
+    precision = np.where((precision == 0) & here, options.plane_precision * confidence, precision).astype(np.float32)
+    return replace(field, depth=depth, normal=normal), Matched(depth, correlation, precision, matched.parallax, weight)

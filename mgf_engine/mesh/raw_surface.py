@@ -71,7 +71,7 @@ def raw_surface(
     """
     with timed_part(times, "points"):
         blocks = divide(span_points(kept, given.box, given.start, options), options.blocks)
-    prior = None if given.start is None else Prior(given.start.mesh, given.start.sure)
+    prior = None if given.start is None else Prior(given.start.mesh, given.start.confidence)
     with tetrahedra_in_background(blocks) as made:
         with timed_part(times, "depth maps"):
             field = surface_field(kept, given.trusted, options, reporter, prior)
@@ -122,8 +122,8 @@ def span_points(
         options: of the tetrahedra, and the margin around the box.
     """
     near = gaussians if box is None else select_near_box(gaussians, box, options.beside_box)
-    spanned = tetra_points(near, options.tetrahedra)
-    return spanned if start is None else add_surface_points(spanned, start.mesh, start.pixel, box, options.tetrahedra)
+    sites = tetra_points(near, options.tetrahedra)
+    return sites if start is None else add_surface_points(sites, start.mesh, start.pixel, box, options.tetrahedra)
 
 
 def _reporting(blocks: TetraBlocks, reporter: Reporter, times: PartTimes) -> Reporting:

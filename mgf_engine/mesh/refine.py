@@ -19,7 +19,7 @@ from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.depth_maps import ViewSurfaces, make_depth_maps
 from mgf_engine.mesh.fusion_options import FusionOptions
-from mgf_engine.mesh.photometric import Surface
+from mgf_engine.mesh.photometric import RenderedSurface
 from mgf_engine.mesh.prior import visible_surface
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField
@@ -36,7 +36,7 @@ class RefinementOptions:
     band: float = parameter(1.5, "Half width of the band in which distances are known", "px", low=1e-3)
     reach: float = parameter(1.0, "Maximum distance that a vertex moves in a round", "px")
     search_steps: int = parameter(3, "Number of steps of the search for the surface along a vertex's normal")
-    sure: float = parameter(
+    search_tolerance: float = parameter(
         0.5, "Distance from the surface, as a share of the band, beyond which a search has failed", high=1
     )
     smoothing: int = parameter(2, "Number of rounds that smooth the moves of the vertices")
@@ -78,7 +78,7 @@ def refine(
     return mesh
 
 
-def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> Surface:
+def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> RenderedSurface:
     """Render the front faces of the mesh from a view.
 
     Args:
@@ -103,7 +103,7 @@ def _fuse_matched(
     smoothed = vertex_normal[mesh.faces].mean(1)
     normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
 
-    def show(number: int) -> Surface:
+    def show(number: int) -> RenderedSurface:
         return render_surface(mesh, normals, trusted.views[number], photos.grey(number))
 
     maps = make_depth_maps(ViewSurfaces(show), trusted.silhouettes, photos.neighbours, options, progress)
@@ -134,7 +134,7 @@ def project_onto_surface(
         off = field.distance(mesh.vertices + shift[:, None] * normals)
         step = np.nan_to_num(off) * field.band * pixel
         shift = np.clip(shift - step, -reach * pixel, reach * pixel)
-    shift[~(np.abs(off) < options.sure)] = 0.0
+    shift[~(np.abs(off) < options.search_tolerance)] = 0.0
     moves, none = shift[:, None] * normals, np.zeros(len(shift), bool)
     for _ in range(options.smoothing):
         moves = mesh.adjacency.smooth(moves, none)

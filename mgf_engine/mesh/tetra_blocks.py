@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.geometry.block_grid import WHOLE, BlockGrid, make_grid, with_borders
 from mgf_engine.geometry.block_store import BlockStore
-from mgf_engine.geometry.delaunay import begun, spans_volume
+from mgf_engine.geometry.delaunay import background_delaunay, spans_volume
 from mgf_engine.mesh.tetrahedra import TetraPoints
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.system import release_memory
@@ -30,12 +30,12 @@ class TetraBlocks:
     """Points of the tetrahedra, and the blocks that they are joined in.
 
     Attributes:
-        spanned: all points, those of the borders included.
+        sites: all points, those of the borders included.
         members: numbers of the points of each block, [B] arrays; one block has all.
         grid: of the blocks.
     """
 
-    spanned: TetraPoints
+    sites: TetraPoints
     members: Sequence[NDArray[np.int64]]
     grid: BlockGrid = WHOLE
 
@@ -52,17 +52,17 @@ class TetraBlocks:
         return result
 
 
-def divide(spanned: TetraPoints, count: int) -> TetraBlocks:
+def divide(sites: TetraPoints, count: int) -> TetraBlocks:
     """Divide points into at most ``count`` blocks; blocks without tetrahedra are left out.
 
     Args:
-        spanned: the points.
+        sites: the points.
         count: number of blocks, 1 or more.
     """
     if count == 1:
-        return TetraBlocks(spanned, [np.arange(len(spanned.points))])
-    grid = make_grid(spanned.points, count)
-    points, extent = with_borders(spanned.points, spanned.extent, grid)
+        return TetraBlocks(sites, [np.arange(len(sites.points))])
+    grid = make_grid(sites.points, count)
+    points, extent = with_borders(sites.points, sites.extent, grid)
     members = [rows for rows in grid.members(points) if spans_volume(points[rows])]
     return TetraBlocks(TetraPoints(points, extent), members, grid)
 
@@ -72,22 +72,22 @@ def tetrahedra_in_background(blocks: TetraBlocks) -> Iterator[Made]:
     """Make the tetrahedra of the first block in the background; yield a function that makes those of any block.
 
     Raises:
-        BadInput: as :func:`mgf_engine.geometry.delaunay.begun`, here or from the function.
+        BadInput: as :func:`mgf_engine.geometry.delaunay.background_delaunay`, here or from the function.
     """
-    points, members = blocks.spanned.points, blocks.members
+    points, members = blocks.sites.points, blocks.members
     if len(members) < 2:
-        with begun(points) as whole:
+        with background_delaunay(points) as whole:
             yield lambda number, check: whole(check)
         return
     with contextlib.ExitStack() as first:
-        early = first.enter_context(begun(points[members[0]], points))
+        early = first.enter_context(background_delaunay(points[members[0]], points))
 
         def made(number: int, check: Callable[[], None]) -> NDArray[np.int32]:
             rows = members[number].astype(np.int32)
             if number == 0:
                 return rows[early(check)]
             first.close()
-            with begun(points[rows], points) as block:
+            with background_delaunay(points[rows], points) as block:
                 return rows[block(check)]
 
         yield made
@@ -107,7 +107,7 @@ def join_blocks(
         mesh_of: makes the mesh of a block.
         began: called with the number of each block before.
     """
-    store, found = BlockStore("mesh", blocks.spanned.points, state, *blocks.members), list[Mesh]()
+    store, found = BlockStore("mesh", blocks.sites.points, state, *blocks.members), list[Mesh]()
     for number in range(len(blocks.members)):
         began(number)
         done = store.load(number)

@@ -77,7 +77,7 @@ def tetra_points(gaussians: Gaussians, options: TetrahedraOptions = TetrahedraOp
 
 
 def add_surface_points(
-    spanned: TetraPoints,
+    sites: TetraPoints,
     mesh: Mesh,
     pixel: float,
     box: CropBox | None = None,
@@ -86,7 +86,7 @@ def add_surface_points(
     """Add points on both sides of a surface where there are none near it, so that the level set can follow it.
 
     Args:
-        spanned: points of the Gaussians.
+        sites: points of the Gaussians.
         mesh: the surface, normalised frame.
         pixel: size of a pixel at the building, in the mesh's units.
         box: crop box, in and near which points are added; None for no limit.
@@ -95,12 +95,12 @@ def add_surface_points(
     spacing = options.spacing * pixel
     face, points = sample_poisson_disk(mesh, spacing, np.random.default_rng(0))
     normals = face_normals(mesh)[face]
-    kept = cKDTree(spanned.points).query(points, distance_upper_bound=options.near * pixel)[0] == np.inf
+    kept = cKDTree(sites.points).query(points, distance_upper_bound=options.near * pixel)[0] == np.inf
     if box is not None:
         kept &= box.contains(points, 0.1)
     both = [points[kept] + side * options.off * pixel * normals[kept] for side in (-1, 1)]
-    extent = np.concatenate([spanned.extent, np.full(2 * int(kept.sum()), 2 * spacing)])
-    return _merge(np.concatenate([spanned.points, *both]), extent)
+    extent = np.concatenate([sites.extent, np.full(2 * int(kept.sum()), 2 * spacing)])
+    return _merge(np.concatenate([sites.points, *both]), extent)
 
 
 def _merge(points: NDArray[np.float64], extent: NDArray[np.float64]) -> TetraPoints:

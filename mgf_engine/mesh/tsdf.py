@@ -19,7 +19,7 @@ from mgf_engine.mesh.depth_maps import DepthMap, Progress, ViewSurfaces, make_de
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.hull import outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
-from mgf_engine.mesh.photometric import Surface
+from mgf_engine.mesh.photometric import RenderedSurface
 from mgf_engine.mesh.prior import Prior, RenderedPrior
 from mgf_engine.mesh.trusted_views import Photos
 from mgf_engine.model.gaussians import Gaussians
@@ -193,7 +193,7 @@ def fuse_gaussians(
         options: of the matching, the smoothing and the fusion.
     """
 
-    def show(number: int) -> Surface:
+    def show(number: int) -> RenderedSurface:
         return render_surface(gaussians, views[number], photos.grey(number) if photos else None, options.tsdf)
 
     def known(number: int) -> RenderedPrior:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import render_mesh
-from mgf_engine.geometry.tetgen import begun
+from mgf_engine.geometry.tetgen import background_delaunay
 from mgf_engine.model.masks import building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import parallel
@@ -56,7 +56,7 @@ def cut_surface(
     low, high = evidence.points.min(0), evidence.points.max(0)
     padding = o.padding * float((high - low).max())
     points = np.concatenate([evidence.points, _box(low, high, padding)])
-    with begun(points) as made:
+    with background_delaunay(points) as made:
         shape = Tetrahedra(points, orient_positive(points, made(check)))
     outside = _outside_share(views, shape, o)
     shut = (outside > o.outside_share) | (shape.corners >= len(evidence.points)).any(1)

@@ -19,7 +19,7 @@ _NAMES = ("vertices", "faces", "sure", "dense", "seen", "pixel")
 def write_start(surface: StartSurface, path: Path) -> None:
     """Write a starting surface; a stop half way leaves no file."""
     mesh = surface.mesh
-    values = mesh.vertices, mesh.faces, surface.sure, surface.dense, surface.seen, np.float64(surface.pixel)
+    values = mesh.vertices, mesh.faces, surface.confidence, surface.dense, surface.seen, np.float64(surface.pixel)
     with atomic_path(path) as part:
         np.savez(part, **dict(zip(_NAMES, values, strict=True)))  # type: ignore[arg-type]
 
@@ -30,10 +30,10 @@ def read_start(path: Path) -> StartSurface | None:
         return None
     try:
         data = read_arrays(path)
-        vertices, faces, sure, dense, seen, pixel = (data[name] for name in _NAMES)
+        vertices, faces, confidence, dense, seen, pixel = (data[name] for name in _NAMES)
     except (OSError, ValueError, KeyError):
         return None
-    if len(faces) == 0 or faces.min() < 0 or faces.max() >= len(vertices) or len(sure) != len(faces):
+    if len(faces) == 0 or faces.min() < 0 or faces.max() >= len(vertices) or len(confidence) != len(faces):
         return None
     mesh = Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))
-    return StartSurface(mesh, sure, dense, seen, float(pixel))
+    return StartSurface(mesh, confidence, dense, seen, float(pixel))

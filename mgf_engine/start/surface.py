@@ -34,14 +34,14 @@ class StartSurface:
 
     Attributes:
         mesh: its triangles, outward; colours are 0.
-        sure: 0..1 by the strength of the plane each face lies on, 0 on none, float32 [F].
+        confidence: 0..1 by the strength of the plane each face lies on, 0 on none, float32 [F].
         dense: points by stereo, some beside the surface, [N, 3].
         seen: a view (of the scene) that saw each of these points, [N].
         pixel: size of a pixel at the building.
     """
 
     mesh: Mesh
-    sure: NDArray[np.float32]
+    confidence: NDArray[np.float32]
     dense: NDArray[np.float64]
     seen: NDArray[np.int64]
     pixel: float

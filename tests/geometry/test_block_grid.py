@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.geometry.block_grid import BlockGrid, make_grid, with_borders
-from mgf_engine.geometry.delaunay import begun
+from mgf_engine.geometry.delaunay import background_delaunay
 
 FACES = ([1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2])
 
@@ -41,7 +41,7 @@ def test_blocks_at_both_sides_of_a_border_have_the_same_triangles_on_it(points: 
     whole, _ = with_borders(points, extent, grid)
     found = []
     for rows in grid.members(whole):
-        with begun(whole[rows], whole) as made:
+        with background_delaunay(whole[rows], whole) as made:
             found.append(rows[made(lambda: None)])
     for axis, cuts in enumerate(grid.cuts):
         for cut in cuts:

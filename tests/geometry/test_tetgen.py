@@ -10,7 +10,7 @@ import pytest
 
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.geometry import tetgen
-from mgf_engine.geometry.tetgen import begun
+from mgf_engine.geometry.tetgen import background_delaunay
 
 
 def nothing() -> None:
@@ -35,14 +35,14 @@ def worker(folder: Path, code: str) -> tuple[str, str]:
 )  # fmt: skip
 def test_a_process_that_fails_says_why(tmp_path, monkeypatch, code, sentence) -> None:
     monkeypatch.setattr(tetgen, "COMMAND", worker(tmp_path, code))
-    with begun(points(50)) as made, pytest.raises(BadInput, match=sentence):
+    with background_delaunay(points(50)) as made, pytest.raises(BadInput, match=sentence):
         made(nothing)
 
 
 def test_a_process_may_say_more_than_a_pipe_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     talk = "import sys; sys.stderr.write('x' * 300_000); sys.stderr.flush(); sys.stdout.buffer.write(bytes(1_600_000))"
     monkeypatch.setattr(tetgen, "COMMAND", worker(tmp_path, talk))
-    with begun(points(50)) as made:
+    with background_delaunay(points(50)) as made:
         assert made(nothing).shape == (100_000, 4)
 
 
@@ -55,7 +55,7 @@ def test_a_process_that_ends_with_the_cancelled_job_is_no_fault(tmp_path, monkey
         if ended.exists():
             raise Cancelled("enough")
 
-    with pytest.raises(Cancelled), begun(points(50)) as made:
+    with pytest.raises(Cancelled), background_delaunay(points(50)) as made:
         made(check)
 
 
@@ -75,7 +75,7 @@ def check():
     if not polls_left[0]:
         raise SystemExit(3)
 
-with tetgen.begun(np.random.default_rng(0).normal(size=(50, 3))) as made:
+with tetgen.background_delaunay(np.random.default_rng(0).normal(size=(50, 3))) as made:
     os.killpg(0, signal.SIGINT)
     made(check)
 """

@@ -9,7 +9,7 @@ from support.analytic import camera, discs
 
 from mgf_engine.mesh.depth_maps import FAR, depth_map, render_surface, visiting_order
 from mgf_engine.mesh.fusion_options import TsdfOptions
-from mgf_engine.mesh.photometric import Surface, without_match
+from mgf_engine.mesh.photometric import RenderedSurface, without_match
 from mgf_engine.raster.points import INSIDE
 
 
@@ -54,7 +54,9 @@ def test_the_weight_of_a_pixel_is_the_squared_cosine_over_the_squared_depth() ->
     shape = view.height, view.width
     normal = np.zeros((*shape, 3), np.float32)
     normal[..., 2] = -1
-    wall = Surface(view, np.zeros(shape, np.uint8), np.full(shape, 4.0, np.float32), normal, np.zeros(shape, bool))
+    wall = RenderedSurface(
+        view, np.zeros(shape, np.uint8), np.full(shape, 4.0, np.float32), normal, np.zeros(shape, bool)
+    )
     found = depth_map(wall, np.full(shape, INSIDE, np.uint8), without_match(wall))
     depth, slope, weight, correlation = found.pixels.reshape(*shape, 4)[5:-5, 5:-5].transpose(2, 0, 1)
     x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
@@ -73,7 +75,7 @@ def test_a_view_sees_a_surface_or_nothing_for_sure_or_looks_past_the_field() -> 
     found = render_surface(field, view)
     column, row = np.floor(view.project(places)[0]).astype(int).T
     assert found.depth[row, column] == pytest.approx([4.0, 0.0, 0.0], abs=0.01)
-    assert found.through[row, column].tolist() == [False, False, True]
+    assert found.free_space[row, column].tolist() == [False, False, True]
 
 
 def test_where_a_view_looks_past_the_field_all_is_free() -> None:
@@ -84,8 +86,8 @@ def test_where_a_view_looks_past_the_field_all_is_free() -> None:
     normal[..., 2] = -1
     through = np.indices(shape)[1] >= view.width // 2
     depth = np.where(through, 0, 4).astype(np.float32)
-    half = Surface(view, np.zeros(shape, np.uint8), depth, normal, through)
+    half = RenderedSurface(view, np.zeros(shape, np.uint8), depth, normal, through)
     found = depth_map(half, np.full(shape, INSIDE, np.uint8), without_match(half))
     depth, _, weight, _ = found.pixels.reshape(*shape, 4).transpose(2, 0, 1)
     assert (depth[through] == FAR).all() and (depth[~through] == 4).all()
-    assert weight[through] == pytest.approx(TsdfOptions.through_weight * np.median(weight[~through]))
+    assert weight[through] == pytest.approx(TsdfOptions.free_space_weight * np.median(weight[~through]))

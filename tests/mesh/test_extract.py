@@ -89,8 +89,10 @@ def test_a_stopped_job_goes_on_at_the_block_it_had_reached(monkeypatch, tmp_path
     with pytest.raises(Cancelled):
         extract_mesh(sphere(300), scene, masks, options, stopped)
     assert len(list((tmp_path / "blocks").iterdir())) == 2
-    begun = tetra_blocks.begun
-    monkeypatch.setattr(tetra_blocks, "begun", lambda *points: made.append(len(points[0])) or begun(*points))
+    background_delaunay = tetra_blocks.background_delaunay
+    monkeypatch.setattr(
+        tetra_blocks, "background_delaunay", lambda *points: made.append(len(points[0])) or background_delaunay(*points)
+    )
     again = extract_mesh(sphere(300), scene, masks, options, reporter())
     assert len(made) == 3  # the first, which begins beside the depth maps, and those that were left
     assert np.array_equal(again.vertices, whole.vertices) and np.array_equal(again.faces, whole.faces)

@@ -33,7 +33,7 @@ class HalfSpace:
         return np.clip(points.sum(1) - self.level, -1, 1).astype(np.float32)
 
 
-def spanned(points: np.ndarray, extent: float) -> TetraBlocks:
+def sites(points: np.ndarray, extent: float) -> TetraBlocks:
     return TetraBlocks(TetraPoints(points, np.full(len(points), extent)), [np.arange(len(points))])
 
 
@@ -45,7 +45,7 @@ def one(number: int) -> np.ndarray:
 
 def test_a_corner_is_cut_off_at_the_level() -> None:
     shares: list[float] = []
-    mesh = extract_level_set(spanned(CORNERS, 1.0), one, HalfSpace(0.3), 8, Reporting(shares.append))
+    mesh = extract_level_set(sites(CORNERS, 1.0), one, HalfSpace(0.3), 8, Reporting(shares.append))
     assert mesh.faces.shape == (1, 3)
     np.testing.assert_allclose(mesh.vertices.sum(1), 0.3, atol=0.03)
     assert shares == sorted(shares) and shares[0] > 0 and shares[-1] <= 1
@@ -54,10 +54,10 @@ def test_a_corner_is_cut_off_at_the_level() -> None:
 @pytest.mark.parametrize(("far", "faces"), [(1.0, 1), (3.9, 1), (4.1, 0), (9.0, 0)])
 def test_edges_longer_than_both_gaussians_reach_carry_no_face(far: float, faces: int) -> None:
     points = CORNERS * (far, 1, 1)
-    assert len(extract_level_set(spanned(points, 2.0), one, HalfSpace(0.3), 8).faces) == faces
+    assert len(extract_level_set(sites(points, 2.0), one, HalfSpace(0.3), 8).faces) == faces
 
 
 @pytest.mark.parametrize("level", [-1.0, 9.0])
 def test_what_is_all_free_or_all_solid_has_no_surface(level: float) -> None:
     with pytest.raises(BadInput, match="no surface"):
-        extract_level_set(spanned(CORNERS, 1.0), one, HalfSpace(level), 8)
+        extract_level_set(sites(CORNERS, 1.0), one, HalfSpace(level), 8)

@@ -12,7 +12,7 @@ from support.sideways import view_beside
 
 from mgf_engine.mesh.photometric import (
     MatchOptions,
-    Surface,
+    RenderedSurface,
     correlations,
     match_surface,
 )
@@ -35,7 +35,7 @@ def texture(points: np.ndarray) -> np.ndarray:
     return 0.5 + 0.1 * waves
 
 
-def surface(camera: View, tilt: float = 0.3, gain: float = 1.0, plain: bool = False) -> Surface:
+def surface(camera: View, tilt: float = 0.3, gain: float = 1.0, plain: bool = False) -> RenderedSurface:
     """The textured plane z = tilt * x as the camera sees it, exactly."""
     x, y = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
     rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], -1)
@@ -47,7 +47,7 @@ def surface(camera: View, tilt: float = 0.3, gain: float = 1.0, plain: bool = Fa
     normals = np.broadcast_to(camera.rotation @ normal, (*depth.shape, 3))
     through = np.zeros(depth.shape, bool)
     as32 = (np.ascontiguousarray(a, dtype=np.float32) for a in (depth, normals))
-    return Surface(camera, np.rint(255 * grey).astype(np.uint8), *as32, through)
+    return RenderedSurface(camera, np.rint(255 * grey).astype(np.uint8), *as32, through)
 
 
 FIRST = surface(view(0.0))

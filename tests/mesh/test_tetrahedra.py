@@ -22,13 +22,13 @@ def random_points(count=400, seed=0):
 def test_one_gaussian_gives_its_centre_and_corners():
     field = discs([[1.0, 2.0, 3.0]], [[0.0, 0.0, 1.0]], 0.5, opacity=0.999, thickness=0.2)
     field.filter_3d[:] = 0
-    spanned = tetra_points(field)
-    offsets = spanned.points - [1, 2, 3]
+    sites = tetra_points(field)
+    offsets = sites.points - [1, 2, 3]
     assert len(offsets) == 9
     corner = np.abs(offsets[np.abs(offsets).sum(1) > 1e-6])
     assert corner.shape == (8, 3)
     assert np.allclose(corner, [[1.5, 1.5, 0.3]], atol=1e-5)  # three deviations
-    assert np.allclose(spanned.extent, np.linalg.norm([1.5, 1.5, 0.3]))
+    assert np.allclose(sites.extent, np.linalg.norm([1.5, 1.5, 0.3]))
 
 
 def test_box_follows_opacity_and_filter():
@@ -51,6 +51,6 @@ def test_invisible_gaussians_give_nothing():
 def test_duplicates_become_one_with_the_larger_extent():
     field = sphere(10)
     twice = type(field)(*(torch.cat([getattr(field, n)] * 2) for n in field.__dataclass_fields__))
-    spanned = tetra_points(twice)
-    assert len(spanned.points) == 90
-    assert len(np.unique(spanned.points.round(9), axis=0)) == 90
+    sites = tetra_points(twice)
+    assert len(sites.points) == 90
+    assert len(np.unique(sites.points.round(9), axis=0)) == 90

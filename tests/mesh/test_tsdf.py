@@ -12,7 +12,7 @@ from mgf_engine.mesh import depth_maps
 from mgf_engine.mesh.depth_maps import DepthMap, ViewSurfaces, make_depth_maps
 from mgf_engine.mesh.fusion_options import TsdfOptions
 from mgf_engine.mesh.isosurface import FREE, SOLID
-from mgf_engine.mesh.photometric import Surface
+from mgf_engine.mesh.photometric import RenderedSurface
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.scene import View
 from mgf_engine.raster.points import INSIDE, NEAR, OUTSIDE
@@ -30,7 +30,7 @@ def wall_surfaces(deeper: int) -> ViewSurfaces:
     """A wall in which ``deeper`` of the views see a hole of some pixels around the origin."""
     views = wall_views()
 
-    def show(number: int) -> Surface:
+    def show(number: int) -> RenderedSurface:
         view = views[number]
         depth = np.full((HEIGHT, WIDTH), 4.0, np.float32)
         if number < deeper:
@@ -39,7 +39,7 @@ def wall_surfaces(deeper: int) -> ViewSurfaces:
             depth[(abs(rows - row) < 6) & (abs(columns - column) < 6)] += DEEPER * 4 / view.fx
         normal = np.zeros((HEIGHT, WIDTH, 3), np.float32)
         normal[..., 2] = -1
-        return Surface(view, np.zeros(depth.shape, np.uint8), depth, normal, np.zeros(depth.shape, bool))
+        return RenderedSurface(view, np.zeros(depth.shape, np.uint8), depth, normal, np.zeros(depth.shape, bool))
 
     return ViewSurfaces(show)
 

@@ -44,7 +44,7 @@ def test_blocks_make_the_surface_of_the_whole(plain_house: PlainHouse, count: in
     whole, parts = surface(plain_house, 1), surface(plain_house, count, reporter)
     assert [block for block in said if block] == [f"{k} of {count}" for k in range(1, count + 1)]
     assert face_areas(parts.mesh).sum() == pytest.approx(face_areas(whole.mesh).sum(), rel=0.03)
-    assert len(parts.sure) == len(parts.mesh.faces)
+    assert len(parts.confidence) == len(parts.mesh.faces)
     for mesh, other in ((whole.mesh, parts.mesh), (parts.mesh, whole.mesh)):  # no gap, nothing more
         assert np.quantile(off(samples(mesh), other), 0.98) < 2 * whole.pixel
     near = [np.mean(off(samples(mesh), plain_house.truth) < 2 * whole.pixel) for mesh in (whole.mesh, parts.mesh)]
@@ -99,4 +99,6 @@ def test_blocks_that_are_done_are_not_cut_again(plain_house: PlainHouse, monkeyp
     monkeypatch.setattr(block_cuts, "cut_surface", lambda *given: cuts.append(1) or whole_cut(*given))
     again = surface(plain_house, 2)
     assert len(cuts) == 1
-    assert np.array_equal(again.mesh.vertices, first.mesh.vertices) and np.array_equal(again.sure, first.sure)
+    assert np.array_equal(again.mesh.vertices, first.mesh.vertices) and np.array_equal(
+        again.confidence, first.confidence
+    )

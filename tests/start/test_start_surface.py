@@ -51,7 +51,7 @@ def test_the_surface_is_closed_and_faces_outward(found: StartSurface) -> None:
     _, count = np.unique(edges, axis=0, return_counts=True)
     assert (count % 2 == 0).all()
     assert 0.7 < mesh.volume / (4 * 3 * 2 + 0.5 * 4 * 3 * 1.2) < 1.2
-    assert found.sure.max() <= 1 and found.sure.min() >= 0 and np.mean(found.sure > 0) > 0.5
+    assert found.confidence.max() <= 1 and found.confidence.min() >= 0 and np.mean(found.confidence > 0) > 0.5
 
 
 def test_samples_have_the_colours_and_normals_of_the_surface(plain_house: PlainHouse, found: StartSurface) -> None:
@@ -88,7 +88,7 @@ def test_it_comes_back_from_its_file(found: StartSurface, tmp_path: Path) -> Non
     assert back is not None
     np.testing.assert_array_equal(back.mesh.vertices, found.mesh.vertices)
     np.testing.assert_array_equal(back.mesh.faces, found.mesh.faces)
-    np.testing.assert_array_equal(back.sure, found.sure)
+    np.testing.assert_array_equal(back.confidence, found.confidence)
     assert back.pixel == found.pixel
     (tmp_path / "start.npz").write_bytes(b"PK\x03\x04 nothing")
     assert read_start(tmp_path / "start.npz") is None

@@ -36,7 +36,7 @@ class SurfaceOptions:
 
 
 @dataclass(frozen=True)
-class Surface:
+class SampledSurface:
     """Samples [M, 3] with the spacing [M] of the points they come from, thinned to cells of one size.
 
     Attributes:
@@ -123,7 +123,7 @@ def make_surface(
     columns: Columns | None = None,
     coarse: float = 0.0,
     options: SurfaceOptions = SurfaceOptions(),
-) -> Surface:
+) -> SampledSurface:
     """Make the surface around kept points.
 
     Args:
@@ -136,7 +136,7 @@ def make_surface(
         options: of the samples.
     """
     if not keep.any():
-        return Surface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0, options.splat)
+        return SampledSurface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0, options.splat)
     usual = float(np.median(shape.spacing[keep]))
     spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
     cell = max(options.cell * usual, coarse)
@@ -156,7 +156,7 @@ def make_surface(
         below, count = _columns(samples[top], height, shape.up, cell, options)
         samples = np.concatenate([samples, below])
         samples, owner = _thin(samples, np.concatenate([owner, np.repeat(owner[top], count)]), cell)
-    return Surface(samples, spacing[owner], cell, options.cell * usual, options.splat)
+    return SampledSurface(samples, spacing[owner], cell, options.cell * usual, options.splat)
 
 
 def _discs(

@@ -11,13 +11,19 @@ from support.level_camera import camera
 from mgf_engine.masks.geometry.ground_plane import Ground
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import measure_point_features
-from mgf_engine.masks.geometry.point_surface import Columns, Surface, SurfaceOptions, _first_of_each, make_surface
+from mgf_engine.masks.geometry.point_surface import (
+    Columns,
+    SampledSurface,
+    SurfaceOptions,
+    _first_of_each,
+    make_surface,
+)
 from mgf_engine.model.scene import Scene, Similarity, View
 
 SIZE = (100, 150)
 
 
-def wall(coarse: float) -> Surface:
+def wall(coarse: float) -> SampledSurface:
     """4 x 2 units of wall, 5 units before the camera, 20,000 points."""
     rng = np.random.default_rng(2)
     points = np.stack([rng.uniform(-2, 2, 20_000), np.full(20_000, -1.0), rng.uniform(1, 3, 20_000)], 1)
@@ -60,7 +66,7 @@ def test_projection_is_that_of_the_view():
     assert radius == pytest.approx(surface.spacing[seen] * view.fx / true[seen] / 2, rel=1e-4)
 
 
-def nearest_disc(surface: Surface, view: View, h: int, w: int) -> np.ndarray:
+def nearest_disc(surface: SampledSurface, view: View, h: int, w: int) -> np.ndarray:
     """Plain twin: each sample's disc, its radius one of a few, drawn with its depth where nothing nearer is."""
     places, depth, _ = surface.project(view, h, w)
     radius = SurfaceOptions.splat * surface.cell * view.fx / depth * w / view.width
@@ -80,7 +86,7 @@ def test_depth_is_that_of_the_nearest_disc(away: float):
     wide = wall(0.0)
     rng = np.random.default_rng(1)
     rough = wide.samples + rng.normal(0, 0.3, wide.samples.shape) * (0, 1, 0) + (0, away, 0)
-    surface = Surface(rough, wide.spacing, wide.cell, wide.tolerance)
+    surface = SampledSurface(rough, wide.spacing, wide.cell, wide.tolerance)
     expected = nearest_disc(surface, camera(0.3), *SIZE)
     found = surface.depth(camera(0.3), *SIZE)
     assert np.isfinite(expected).mean() > 0.1
@@ -97,7 +103,7 @@ def test_the_first_of_each_key_is_that_of_unique(most: int):
 
 def test_what_is_behind_the_camera_is_not_seen():
     surface = wall(0.0)
-    behind = Surface(surface.samples - [0, 20, 0], surface.spacing, surface.cell, surface.tolerance)
+    behind = SampledSurface(surface.samples - [0, 20, 0], surface.spacing, surface.cell, surface.tolerance)
     assert not len(behind.project(camera(0), *SIZE)[0])
     assert np.isinf(behind.depth(camera(0), *SIZE)).all()
 

@@ -26,8 +26,8 @@ class Maker:
     work: str
     made: Callable[[np.ndarray], np.ndarray]
 
-    def begun(self, points: np.ndarray) -> AbstractContextManager[Callable[..., np.ndarray]]:
-        found: AbstractContextManager[Callable[..., np.ndarray]] = self.module.begun(points)
+    def background_delaunay(self, points: np.ndarray) -> AbstractContextManager[Callable[..., np.ndarray]]:
+        found: AbstractContextManager[Callable[..., np.ndarray]] = self.module.background_delaunay(points)
         return found
 
 
@@ -63,12 +63,12 @@ def test_flat_points_are_refused_before_work_begins(
     maker: Maker, points: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(maker.module, maker.work, lambda *given: pytest.fail("began"))
-    with pytest.raises(BadInput, match="no surface"), maker.begun(points):
+    with pytest.raises(BadInput, match="no surface"), maker.background_delaunay(points):
         pass
 
 
 def test_work_that_was_begun_gives_the_same(maker: Maker) -> None:
-    with maker.begun(random_points(500)) as made:
+    with maker.background_delaunay(random_points(500)) as made:
         assert np.array_equal(made(nothing), maker.made(random_points(500)))
 
 
@@ -76,7 +76,7 @@ def test_cancelling_stops_the_work(maker: Maker) -> None:
     def check() -> None:
         raise Cancelled("enough")
 
-    with pytest.raises(Cancelled), maker.begun(random_points(300_000)) as made:  # seconds of work
+    with pytest.raises(Cancelled), maker.background_delaunay(random_points(300_000)) as made:  # seconds of work
         made(check)
     assert not RUNNING and not any(thread.name.startswith("mgf-delaunay") for thread in threading.enumerate())
 
@@ -84,7 +84,7 @@ def test_cancelling_stops_the_work(maker: Maker) -> None:
 def test_what_does_not_fit_below_the_users_limit_is_refused(maker: Maker, limit) -> None:
     limit(1e6, strict=True)
     words = r"tetrahedra of 500 points need about 0.0 GB .* lower max_gaussians or resolution, or allow more"
-    with maker.begun(random_points(500)) as made, pytest.raises(BadInput, match=words):
+    with maker.background_delaunay(random_points(500)) as made, pytest.raises(BadInput, match=words):
         made(nothing)
 
 
@@ -95,7 +95,7 @@ def test_where_memory_is_short_the_work_begins_when_it_is_asked_for(
     began, work = threading.Event(), getattr(maker.module, maker.work)
     monkeypatch.setattr(maker.module, maker.work, lambda *given: (began.set(), work(*given))[1])
     limit(1.0 if short else 1e12)
-    with maker.begun(random_points(500)) as made:
+    with maker.background_delaunay(random_points(500)) as made:
         assert began.wait(0.2 if short else 10) != short
         assert np.array_equal(made(nothing), maker.made(random_points(500)))
     assert not RUNNING
