@@ -19,7 +19,7 @@ from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
 from mgf_engine.mesh.extend_planes import ON_PLANE, extend_planes
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.holes import cap_rims
-from mgf_engine.mesh.level_set_cleaning import clean_level_set
+from mgf_engine.mesh.level_set_cleaning import clean_level_set, drop_unconfirmed_parts
 from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
@@ -212,7 +212,9 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
 
 
 def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
-    """Remove faces along the border of a mesh that no photo shows; the new border is smooth.
+    """Remove faces along the border of a mesh that no photo shows, and small parts that this cuts off.
+
+    The new border is smooth.
 
     Args:
         mesh: normalised frame.
@@ -227,7 +229,8 @@ def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews
     if "views" not in known:
         return mesh
     pixel = ground_pixels(mesh, trusted.views)
-    return trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)
+    trimmed = trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)
+    return drop_unconfirmed_parts(trimmed, field, options)
 
 
 def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:

@@ -50,8 +50,7 @@ def clean_level_set(
         mesh = merge_flat(mesh, trusted.views, options.clustering)
     if options.drop_unseen:
         mesh = _drop_unseen(mesh, field, trusted, options)
-    large = clean.large_parts(mesh, options.min_component)
-    mesh = clean.with_faces(mesh, mesh.faces[large | _confirmed(mesh, ~large, field, options)])
+    mesh = drop_unconfirmed_parts(mesh, field, options)
     mesh = _cut_background(clean.split_nonmanifold(mesh), field, trusted, options)
     if len(mesh.faces) == 0:
         raise BadInput("Cleaning left no faces; lower min_component or check the masks.")
@@ -59,6 +58,18 @@ def clean_level_set(
         size = ground_pixels(mesh, trusted.views)
         mesh = fill_holes(mesh, options.small_hole * size, lambda points: field.classify(points) == FREE)
     return clean.smooth(mesh, options.smoothing)
+
+
+def drop_unconfirmed_parts(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
+    """Remove the parts of a mesh that are small and that no photos confirm.
+
+    Args:
+        mesh: normalised frame.
+        field: its confidence tells what photos confirm.
+        options: which parts are small, and which are confirmed.
+    """
+    large = clean.large_parts(mesh, options.min_component)
+    return clean.with_faces(mesh, mesh.faces[large | _confirmed(mesh, ~large, field, options)])
 
 
 def _drop_unseen(
