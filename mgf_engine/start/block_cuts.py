@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cut the starting surface block after block: tetrahedra and graph of a large building take most of its memory.
+"""Compute the starting surface block by block, since tetrahedra and graph of a large building take much memory.
 
-Inside and outside are decided by what lies far away, too: by rays that pass through a block and by the volume of the
-whole. So each cut is of the whole building, whose evidence is thinned out beyond a margin around the block. What
-lies in the block is kept. Nobody asks the parts to be one closed surface: photos are compared with it and points
-sampled on it.
+The labels of a block depend on distant evidence, too: on rays that pass through it and on the volume of the whole. So
+each minimum cut is of the whole building, with the points beyond a margin around the block merged in coarse cubes, and
+the surface is clipped to the block. The parts need not form one closed surface: it is only rendered and sampled.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ Cut = tuple[Mesh, NDArray[np.float32]]
 def cut_in_blocks(
     views: StartViews, evidence: Evidence, options: CutOptions, check: Callable[[], None], began: Callable[[str], None]
 ) -> Cut:
-    """Cut the surface that fits the evidence best, in ``options.blocks`` blocks.
+    """Compute the starting surface by minimum cuts of ``options.blocks`` blocks.
 
     Args:
         views: cameras and masks.
@@ -92,7 +91,7 @@ def thinned(evidence: Evidence, low: Array, high: Array, pixel: float, options: 
 
 
 def clipped(mesh: Mesh, strength: NDArray[np.float32], low: Array, high: Array) -> Cut:
-    """Cut a mesh to a block; each face keeps its strength [F].
+    """Clip a mesh to a block; each face keeps its strength [F].
 
     Args:
         mesh: of the whole building.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compute how many of the photos that ought to see a stereo point do.
+"""Check the photo-consistency of stereo points: the share of photos expected to see a point that confirm it.
 
-Single pairs agree on what a mirror shows; photos from other places contradict them.
+A pair of photos can agree on a reflection; photos from other directions contradict it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mgf_engine.scene.depths import Depths
 from mgf_engine.start.options import DenseOptions
 from mgf_engine.start.views import StartViews
 
-_CHUNK = 1 << 15  # points whose neighbours are looked at together, which bounds the memory
+_CHUNK = 1 << 15  # points whose neighbours are queried at a time, which bounds the memory
 
 
 def confirmed_share(
@@ -29,10 +29,10 @@ def confirmed_share(
     seen: Sequence[NDArray[np.int64]],
     o: DenseOptions,
 ) -> NDArray[np.float64]:
-    """Compute the share of the photos that ought to see each point and do.
+    """Compute the share of the photos expected to see each point that confirm it.
 
-    A photo ought to see a point that its mask holds, unless it looks from far aside of those that see it, at a grazing
-    angle, or its own depth lies before the point.
+    A photo is expected to see a point that projects into its mask, unless its viewing direction is far from that of
+    the photos that see the point, or at a grazing angle, or its depth map has a surface in front of the point.
 
     Args:
         views: cameras and masks.
@@ -40,7 +40,7 @@ def confirmed_share(
         points: [N, 3], normalised frame.
         normals: unit vectors of either sign, [N, 3].
         seen: of each point, positions of the views that see it.
-        o: angles from which a photo need not see a point.
+        o: angles from which a photo is not expected to see a point.
 
     Returns:
         [N], above 0, at most 1.
@@ -70,7 +70,7 @@ def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.
 def _mean_directions(
     points: NDArray[np.float64], view: NDArray[np.int64], count: NDArray[np.int64], centres: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return unit vectors from points to the views that see them, on average.
+    """Compute the mean unit vectors from points to the views that see them.
 
     Args:
         points: [N, 3].
@@ -88,7 +88,7 @@ def _mean_directions(
 
 
 def _shows(views: StartViews, depths: Depths, number: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which points [N, 3] a view's mask holds and its depth map does not hide, bool [N]."""
+    """Tell which points [N, 3] project into a view's mask and are not occluded in its depth map, bool [N]."""
     view, index = views.views[number], views.indices[number]
     uv, _, result = view.project_into_frame(points)
     column, row = uv[result].astype(np.int64).T

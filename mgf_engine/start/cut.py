@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cut the surface between inside and outside tetrahedra: a visibility-weighted s-t cut (after Labatut et al. 2007).
+"""Label Delaunay tetrahedra inside or outside by a visibility-weighted minimum s-t cut (after Labatut et al. 2007).
 
-Rays from points to the views that saw them are free, what lies behind a point is inside, whatever projects outside of
-the masks is outside, the rest of the visual hull is weakly inside. Faces cost their area, so that large ones span where
-there is no evidence, and less where they lie on a plane that carries lines. Mask pixels that the surface leaves
-uncovered then pull what lies on their rays inside, and the cut is made again.
+Unary terms: tetrahedra with a camera or outside of the silhouettes are outside, those behind a point are inside, and
+the volume of the visual hull has a small reward for being inside. Pairwise terms: a face between inside and outside
+costs the visibility rays that cross it and its area, which is cheaper on planes through lines. Mask pixels that the
+first surface does not cover add inside terms along their viewing rays, and a second cut is computed.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ from mgf_engine.start.views import StartViews
 from mgf_engine.system import release_memory
 
 log = logging.getLogger("mgf")
-_SURE = 1e9  # capacity that nothing exceeds
-_SAMPLES = np.array([[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)])  # barycentric, places where the masks are asked
+_SURE = 1e9  # capacity of hard constraints; no sum of other terms exceeds it
+_SAMPLES = np.array(
+    [[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)]
+)  # barycentric coordinates of the sample points tested against the masks
 
 Array = NDArray[np.float64]
 
@@ -39,7 +41,7 @@ Array = NDArray[np.float64]
 def cut_surface(
     views: StartViews, evidence: Evidence, o: CutOptions, check: Callable[[], None]
 ) -> tuple[Mesh, NDArray[np.float32]]:
-    """Cut the closed surface that fits the evidence best.
+    """Compute the closed surface by the minimum cut of the graph of tetrahedra.
 
     Args:
         views: cameras and masks.
@@ -64,7 +66,7 @@ def cut_surface(
     check()
     sink = np.empty(len(shut))
     for chunk in shape.chunks():
-        # Where nothing but the hull speaks: in a court that all photos were taken in, rays say that it is free.
+        # Rays through a tetrahedron reduce the reward of its volume: a courtyard lies in the visual hull, but is free.
         free_space = np.maximum(face[chunk].sum(1) / ONE - o.free_space, 0)
         hull = o.volume * shape.volumes(chunk) / views.pixel**3 * (1 - outside[chunk])
         sink[chunk] = solid[chunk] / ONE + np.maximum(hull - free_space, 0)
@@ -139,12 +141,12 @@ def _well_inside(views: StartViews, points: Array, number: NDArray[np.int32], ma
 def _pull_uncovered(
     views: StartViews, shape: Tetrahedra, shut: NDArray[np.bool_], mesh: Mesh, box: tuple[Array, Array], o: CutOptions
 ) -> NDArray[np.int32]:
-    """Weigh the tetrahedra on the rays of mask pixels that a surface leaves uncovered (kernel ``mgf_tetra_pull``).
+    """Compute inside weights of tetrahedra on rays of uncovered mask pixels (kernel ``mgf_tetra_pull``).
 
     Args:
         views: cameras and masks.
         shape: all tetrahedra.
-        shut: those that are outside for certain, bool [T].
+        shut: tetrahedra constrained to be outside, bool [T].
         mesh: the surface.
         box: low and high corner [3] of the space that the rays are followed in.
         o: weights.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The graph of the start's cut: tetrahedra, and between them faces with what each costs in either direction."""
+"""The graph of the minimum cut: nodes are tetrahedra, edges their common faces, with a capacity per direction."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 
 
 class CutGraph:
-    """The graph of the cut: tetrahedra, and the faces between them with what they cost in either direction.
+    """The graph of the minimum cut: tetrahedra as nodes, their common faces as edges with a capacity per direction.
 
-    Faces are listed chunk after chunk where they are asked for: all of them take as much memory as the tetrahedra.
+    Faces are enumerated in chunks on demand: a list of all of them takes as much memory as the tetrahedra.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class CutGraph:
             self.flow.residual[other, back] = rays[other, back] / ONE + cost
 
     def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.float32]]:
-        """Return the faces between inside and outside, outward, and the strength of the plane each lies on [F]."""
+        """Extract the faces between inside and outside, oriented outward, and the strength of their planes, [F]."""
         found = []
         for chunk in self.shape.chunks():
             cell, k, other = _pairs(self.shape, chunk)
@@ -56,12 +56,12 @@ class CutGraph:
 
 
 class Flow:
-    """The most that flows through cells from outside to inside, and what it leaves over.
+    """Maximum flow through cells from the source (outside) to the sink (inside), and its residual graph.
 
     Attributes:
         neighbours: the cells beyond each of four faces, each cell once at most, -1 for none, int32 [N, 4].
-        residual: what may still flow to each neighbour, [N, 4].
-        excess: what may still come from outside; negative: go inside, [N].
+        residual: residual capacity to each neighbour, [N, 4].
+        excess: residual capacity from the source; negative: to the sink, [N].
         value: of the flow so far.
     """
 
@@ -70,7 +70,7 @@ class Flow:
         self.excess, self.value = np.zeros(len(neighbours)), 0.0
 
     def add(self, source: Array, sink: Array) -> None:
-        """Add capacities [N] from outside and to inside."""
+        """Add capacities [N] from the source (outside) and to the sink (inside)."""
         source, sink = source + np.maximum(self.excess, 0), sink + np.maximum(-self.excess, 0)
         self.value += float(np.minimum(source, sink).sum())
         self.excess = source - sink
@@ -78,8 +78,8 @@ class Flow:
     def cut(self) -> NDArray[np.bool_]:
         """Find the inside cells by the minimum cut, bool [N] (kernel ``mgf_cut_tetrahedra``).
 
-        Those from where more could still flow inside are. The flow of an earlier cut stays valid, so that a second one
-        only adds what the added capacities let through.
+        Cells from which the sink can be reached in the residual graph are inside. The flow of an earlier cut stays
+        valid, so that a second one only augments it.
         """
         count, added = len(self.excess), np.zeros(1)
         inside, parent = np.empty(count, np.uint8), np.empty(count, np.int8)

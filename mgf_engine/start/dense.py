@@ -99,7 +99,7 @@ def _fuse(
 
 
 def _towards_views(dense: DensePoints, centres: NDArray[np.float64]) -> DensePoints:
-    """Turn the normals towards the views that see each point, on average."""
+    """Orient the normals towards the mean centre of the views that see each point."""
     middle = np.array([centres[s].mean(0) for s in dense.seen]).reshape(-1, 3)
     away = ((middle - dense.points) * dense.normals).sum(1) < 0
     return replace(dense, normals=np.where(away[:, None], -dense.normals, dense.normals))
@@ -133,7 +133,7 @@ class DensePoints:
         seen: of each, positions of the views that see it.
         weight: of each one's rays, [N].
         normals: unit vectors towards the views, [N, 3].
-        aliased: whether the photos' texture is finer than they can show.
+        aliased: whether the texture aliases: it is finer than the photos resolve.
     """
 
     points: NDArray[np.float64]
@@ -152,7 +152,7 @@ class DensePoints:
 
 @dataclass(frozen=True)
 class VoxelSums:
-    """Points added up in the voxels of a grid, so that those of all photos never lie in memory together.
+    """Sums of points per voxel of a grid, so that the points of all photos are never in memory together.
 
     Attributes:
         key: index of each voxel in the grid, ascending, int64 [C, 3].

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gather the evidence for the starting surface: points with the views that saw them, and points that only shape it."""
+"""Gather the points of the tetrahedra: observed points with their visibility, and Steiner points without."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ def _steiner_points(
 ) -> list[Array]:
     """Place points that only shape the tetrahedra: on creases and planes, behind stereo points, coarse in the hull.
 
-    Tetrahedra behind the points of a thin part would else reach to the wall behind it and be crossed by rays to that.
-    What no photo shows has a volume, too.
+    Without points behind a thin part its tetrahedra reach to the wall behind it, and rays to that wall cross them.
+    Points in the hull give a volume to parts that no photo shows.
 
     Args:
         views: cameras and masks.

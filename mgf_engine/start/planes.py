@@ -13,9 +13,9 @@ from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.start.lines import Line
 from mgf_engine.start.options import PlaneOptions
 
-_MOST_PAIRED = 1500  # longest lines that pairs are made of: they are quadratic in memory
-_DIRECTION_ROUNDS = 5  # in which a dominant direction settles
-_CHUNK = 1 << 16  # points that are held against all planes together, which bounds the memory
+_MOST_PAIRED = 1500  # longest lines that are paired: the number of pairs is quadratic
+_DIRECTION_ROUNDS = 5  # of the mean shift of a dominant direction
+_CHUNK = 1 << 16  # points whose distances from all planes are computed at a time, which bounds the memory
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class LinePlanes:
 
     Attributes:
         members: numbers of the lines of each plane.
-        strength: px of lines that each carries, counted as far as these run in two directions, [K].
+        strength: length in px of the lines on each, limited where these run in one direction only, [K].
     """
 
     planes: NDArray[np.float64]
@@ -58,7 +58,7 @@ class _Lines:
 def dominant_directions(
     directions: NDArray[np.float64], lengths: NDArray[np.float64], o: PlaneOptions
 ) -> NDArray[np.float64]:
-    """Find the directions that most of the line length follows, each of what no earlier one explains.
+    """Find the dominant directions of lines greedily, each by the length of the lines parallel to no earlier one.
 
     Args:
         directions: unit vectors of the lines, either sign, [N, 3].
@@ -88,7 +88,7 @@ def dominant_directions(
 
 
 def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePlanes:
-    """Find planes that carry lines, each taken for the length of line that no earlier one explains.
+    """Find planes through lines greedily, each by the length of its lines that lie on no earlier plane.
 
     Candidates are pairs of dominant directions at each line parallel to both, and pairs of lines that lie in one plane.
 
@@ -223,13 +223,13 @@ def _fit_plane(
 def snap_to_planes(
     points: NDArray[np.float64], planes: LinePlanes, near: NDArray[np.float64], o: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Move points onto all planes within a distance, to their common point where there are several.
+    """Project points onto all planes within a distance, onto their intersection where there are several.
 
     Args:
         points: [N, 3], normalised frame.
         planes: to move them onto.
         near: distance up to which each point moves, [N].
-        o: which planes have a common place, and how far a point moves to it.
+        o: which planes a point may move onto together, and the maximum move.
 
     Returns:
         The points [N, 3] and which planes each lies on, bool [N, K].

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sample points with normals on the starting surface, as dense as the field needs them."""
+"""Sample points with normals on the starting surface by Poisson disks, at a given spacing."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 
-_CHUNK = 1 << 16  # samples that are placed together, which bounds the memory
-_BATCH = 1 << 20  # samples that are thinned out together: pairs of neighbours take much memory
+_CHUNK = 1 << 16  # samples that are computed at a time, which bounds the memory
+_BATCH = 1 << 20  # samples whose pairs of neighbours are in memory at a time
 
 
 @dataclass(frozen=True)
@@ -118,15 +118,15 @@ def sample_poisson_disk(
 
 
 def poisson_disk_subset(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
-    """Choose points of [N, 3] of which no two are nearer than ``radius`` and to which none can be added.
+    """Choose a maximal subset of points [N, 3] of which no two are nearer than ``radius``.
 
-    Of points that are all nearer to each other the first stays (Luby's maximal independent set).
+    Of points that exclude each other the first one is kept (Luby's maximal independent set).
 
     Returns:
         Their numbers, ascending.
     """
     kept = np.zeros(0, np.int64)
-    for begin in range(0, len(points), _BATCH):  # those that stay of the first ones decide about the next
+    for begin in range(0, len(points), _BATCH):  # samples kept of earlier batches exclude samples of later ones
         rows = np.arange(begin, min(begin + _BATCH, len(points)))
         if len(kept):
             nearest = cKDTree(points[kept]).query(points[rows], distance_upper_bound=np.nextafter(radius, np.inf))[0]

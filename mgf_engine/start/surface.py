@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make the starting surface of a building from its photos, cameras and masks."""
+"""Reconstruct the starting surface of a building from photos, cameras and masks: evidence, then a minimum cut."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ PARTS = ("views", "dense", "lines", "planes", "cut")
 
 @dataclass(frozen=True)
 class StartSurface:
-    """A surface in the normalised frame: closed, but for hairlines between blocks where it was cut in several.
+    """A closed surface in the normalised frame; surfaces of several blocks have hairline gaps between the blocks.
 
     Attributes:
         mesh: its triangles, outward; colours are 0.
-        confidence: 0..1 by the strength of the plane each face lies on, 0 on none, float32 [F].
+        confidence: strength of the plane that each face lies on, 0..1, 0 for faces on none, float32 [F].
         dense: points by stereo, some beside the surface, [N, 3].
         seen: a view (of the scene) that saw each of these points, [N].
         pixel: size of a pixel at the building.
@@ -57,7 +57,7 @@ def start_surface(
     times: PartTimes | None = None,
     share: float = 0.0,
 ) -> StartSurface:
-    """Make a surface of the building.
+    """Reconstruct the starting surface of a building.
 
     Args:
         scene: photos, cameras and sparse points.
@@ -66,8 +66,8 @@ def start_surface(
         reporter: asked whether to stop.
         threads: number of worker threads; 0 uses all cores.
         options: of all steps.
-        times: where to note what the parts of the work take.
-        share: of the stage that this is, for the progress bar; the part that works is told in any case.
+        times: records the duration of each part.
+        share: of this work in its stage, for the progress bar; the current part is reported in any case.
 
     Raises:
         BadInput: too few edges and points for a surface, or masks without a place in common.
