@@ -57,6 +57,7 @@ def explain(
     """Return the exit code and sentence of an error.
 
     Args:
+        error: what was raised.
         resumable: it ended a job, which goes on from where it was.
         again: how to go on, where that is not ``--resume``.
         place: folder that was written to, for errors that name no file.
