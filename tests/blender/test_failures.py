@@ -85,7 +85,7 @@ def test_full_disk_when_a_preview_starts(state, monkeypatch):
 
 def test_full_disk_in_the_engine_is_passed_on(state, engine):
     engine("full")
-    with pytest.raises(RuntimeError, match="The disk is full; free some space"):
+    with pytest.raises(RuntimeError, match=r"The disk of '.*new job' is full; free some space"):
         bpy.ops.mgf.reconstruct()
 
 
