@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Unit vectors, and normals of points without a mesh."""
+"""Unit vectors, and normals of points and faces."""
 
 from __future__ import annotations
 
@@ -26,3 +26,14 @@ def principal_normals(points: NDArray[np.float64], neighbours: NDArray[np.int64]
     offsets = around - around.mean(1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", offsets, offsets))
     return np.asarray(vectors[:, :, 0], np.float64)
+
+
+def face_cross_products(vertices: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Compute the cross products of two edges of each face, [F, 3]: normals as long as twice the face's area.
+
+    Args:
+        vertices: [N, 3].
+        faces: vertex indices, [F, 3].
+    """
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.normals import face_cross_products
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import own_threads, parallel
@@ -102,8 +103,7 @@ def _zbuffer(
 
 def face_normals(mesh: Mesh) -> NDArray[np.float64]:
     """Return outward unit normals [F, 3]; zero for faces without area."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
+    normals = face_cross_products(mesh.vertices, mesh.faces)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return normals / np.where(length > 0, length, 1.0)
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.normals import face_cross_products
 from mgf_engine.mesh.near_planes import listed, near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import MeshFaces, Planes, find_planes, measure_faces
@@ -60,7 +61,7 @@ def flatten_planes(
     near = near_planes(mesh, size, planes, o.band, o.rings)
     label = _label_creases(mesh, faces, planes, near.vertex, near.plane, o)
     moves, inside = _moves(mesh, size, planes, label, near.vertex, o, relief)
-    moved = _unturned(mesh, mesh.vertices + moves, planes, label)
+    moved = _unturned(mesh, mesh.vertices + moves)
     return Flattened(replace(mesh, vertices=moved), planes, inside & (moved != mesh.vertices).any(1))
 
 
@@ -138,15 +139,13 @@ def _moves(
     return moves, inside & ~far
 
 
-def _unturned(mesh: Mesh, moved: NDArray[np.float64], planes: Planes, label: NDArray[np.int32]) -> NDArray[np.float64]:
+def _unturned(mesh: Mesh, moved: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the moved vertices [N, 3]; those of faces that would be flipped keep their position."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    before = np.cross(b - a, c - a)
+    before = face_cross_products(mesh.vertices, mesh.faces)
     size = np.einsum("ij,ij->i", before, before)
     check = np.flatnonzero((moved != mesh.vertices).any(1)[mesh.faces].any(1))
     while len(check):
-        a, b, c = (moved[mesh.faces[check, k]] for k in range(3))
-        after = np.cross(b - a, c - a)
+        after = face_cross_products(moved, mesh.faces[check])
         turned = np.einsum("ij,ij->i", before[check], after) <= 1e-3 * size[check]
         turned &= (moved != mesh.vertices).any(1)[mesh.faces[check]].any(1)
         if not turned.any():

@@ -2,7 +2,7 @@
 """Blend the borders of flattened planes: no step where a plane ends or a bowed wall is two planes, and no fold.
 
 Vertices that go into a plane leave their neighbours behind. So moves fade out over these, small steps between nearly
-parallel planes become slopes, and vertices whose faces would turn over stay where they were.
+parallel planes become slopes, and vertices whose faces turned over go back.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.normals import face_cross_products
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
 
 Array = NDArray[np.float64]
-_HALVINGS = 4  # times that a vertex goes back by half before it goes back altogether
+_STEPS_BACK = 4  # that a vertex goes back at most: by half its way each, the last one altogether
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,12 @@ class PlaneBorderOptions:
         (0.8, 1.6), "Height of a step between such planes up to which it becomes a slope, and from which it stays",
         "ground px",
     )  # fmt: skip
-    slope_rounds: int = parameter(20, "Number of rounds that spread a slope, one edge each")
-    slope_share: float = parameter(0.9, "Share of a slope's height left after each edge", high=1)
-    fade_rounds: int = parameter(10, "Number of rounds over which moves fade out, one edge each")
-    fade_share: float = parameter(0.9, "Share of a move left after each edge", high=1)
+    slope_rounds: int = parameter(20, "Number of rounds of smoothing that spread a slope, one edge each")
+    slope_share: float = parameter(0.9, "Factor on the height of a slope after each round of smoothing", high=1)
+    fade_rounds: int = parameter(10, "Number of rounds of smoothing that spread the moves of planes, one edge each")
+    fade_share: float = parameter(0.9, "Factor on spread moves after each round of smoothing", high=1)
     fade_outward: float = parameter(
-        0.3, "The same of moves out of the building, since sunken walls end at windows, whose reveals stay", high=1
+        0.3, "Further factor on spread moves out of the building: walls sink at windows, whose reveals stay", high=1
     )
 
 
@@ -108,22 +109,18 @@ def without_folds(mesh: Mesh, before: Array, at: Array) -> tuple[Array, NDArray[
         The vertices [N, 3], and which of them were not moved back, bool [N].
     """
     at, times = at.copy(), np.zeros(len(at), np.int64)
-    old, way = _normals(before, mesh.faces), np.linalg.norm(at - before, axis=1)
+    old, way = face_cross_products(before, mesh.faces), np.linalg.norm(at - before, axis=1)
     check = np.flatnonzero((way > 0)[mesh.faces].any(1))
     while len(check):
-        turned = check[np.einsum("ij,ij->i", _normals(at, mesh.faces[check]), old[check]) < 0]
+        turned = check[np.einsum("ij,ij->i", face_cross_products(at, mesh.faces[check]), old[check]) < 0]
         corner = way[mesh.faces[turned]].argmax(1)
         back = np.unique(mesh.faces[turned, corner])
         back = back[way[back] > 0]
         times[back] += 1
-        share = np.where(times[back] < _HALVINGS, 0.5, 0.0)
+        share = np.where(times[back] < _STEPS_BACK, 0.5, 0.0)
         at[back] = before[back] + share[:, None] * (at[back] - before[back])
         way[back] *= share
-        check = np.flatnonzero(np.isin(mesh.faces, back).any(1))
+        touched = np.zeros(len(at), bool)
+        touched[back] = True
+        check = np.flatnonzero(touched[mesh.faces].any(1))
     return at, times == 0
-
-
-def _normals(at: Array, faces: NDArray[np.integer]) -> Array:
-    """Return the normals of faces [F, 3], as long as twice their areas."""
-    a, b, c = (at[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)

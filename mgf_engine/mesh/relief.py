@@ -87,7 +87,7 @@ def _relief(flat: Array, off: Array, o: ReliefOptions) -> Array:
     shape = (int(column.max()) + 1, int(row.max()) + 1)
     cell = column * shape[1] + row
     count = shape[0] * shape[1]
-    weight = np.bincount(cell, np.ones(len(cell)), count).reshape(shape).astype(np.float64)
+    weight = np.bincount(cell, minlength=count).reshape(shape).astype(np.float64)
     sums = np.bincount(cell, off, count).reshape(shape).astype(np.float64)
 
     def mean(values: Array, sigma: float) -> Array:
