@@ -41,7 +41,7 @@ def _list(runs: list[Run]) -> None:
         faces, psnr = run.figures.get("faces"), run.figures.get("psnr")
         counted, measured = ("" if value is None else str(value) for value in (faces, psnr))
         numbers = f"{counted:>9}  {measured:>5}  {run.size / 1e6:>8.1f}"
-        given = " ".join(f"{name}={value}" for name, value in run.given.items())
-        print(f"{run.number:>4}  {when}  {numbers}  {given}{'  (present result)' if run == runs[-1] else ''}")
+        options = " ".join(f"{name}={value}" for name, value in run.user_options.items())
+        print(f"{run.number:>4}  {when}  {numbers}  {options}{'  (present result)' if run == runs[-1] else ''}")
     print("'mgf clean JOB --old' removes all but the present result, 'mgf clean JOB 1 2' those two.")
     print("A .blend that shows the mesh of a removed run loses its texture.")

@@ -46,7 +46,7 @@ class Job:
         source: the user's COLMAP scene or photo folder.
         prompts: the user's prompts file, or None.
         masks: the user's folder of masks, or None.
-        given: the options that the user set, name -> value.
+        user_options: the options that the user set, name -> value.
         config: the validated options.
         inputs: identity of the input files when the job was opened.
         keys: stage name -> its key with these inputs and options.
@@ -63,10 +63,10 @@ class Job:
         source: Path,
         prompts: Path | None,
         masks: Path | None,
-        given: dict[str, Any],
+        user_options: dict[str, Any],
     ) -> None:
         self.folder, self.source, self.prompts, self.masks = folder, source, prompts, masks
-        self.given, self.config = given, make_config(given)
+        self.user_options, self.config = user_options, make_config(user_options)
         self.stages: dict[str, dict[str, Any]] = {}
         self._lock = lock
 
@@ -77,10 +77,10 @@ class Job:
         source: Path | None = None,
         prompts: Path | None = None,
         masks: Path | None = None,
-        given: dict[str, Any] | None = None,
+        user_options: dict[str, Any] | None = None,
         *,
         resume: bool = False,
-        own: dict[str, Any] | None = None,
+        earlier_options: dict[str, Any] | None = None,
     ) -> Job:
         """Create a job folder, or continue the job in it with ``resume``.
 
@@ -92,9 +92,9 @@ class Job:
             source: folder of the scene; None keeps that of the job.
             prompts: file of clicks.
             masks: folder of the user's own masks.
-            given: options that the user sets now.
+            user_options: options that the user sets now.
             resume: continue the job in the folder.
-            own: replaces the options that the user set in earlier runs of the job; None keeps these.
+            earlier_options: replaces the options that the user set in earlier runs of the job; None keeps these.
 
         Raises:
             BadInput: an option or input is wrong, the folder cannot be written, holds something else or another
@@ -103,7 +103,8 @@ class Job:
         check_no_file(folder)
         folder = folder.resolve()  # like the inputs, so that files of the job are recognised among them
         lock = FileLock(str(folder / ".lock"))
-        plan = partial(cls._plan, folder, lock, source, prompts, masks, _with_whole_paths(given or {}), resume, own)
+        user_options = _with_whole_paths(user_options or {})
+        plan = partial(cls._plan, folder, lock, source, prompts, masks, user_options, resume, earlier_options)
         plan()  # raises before anything is written
         make_folder(folder)
         acquire(lock, folder)
@@ -127,9 +128,9 @@ class Job:
         source: Path | None,
         prompts: Path | None,
         masks: Path | None,
-        given: dict[str, Any],
+        user_options: dict[str, Any],
         resume: bool,
-        own: dict[str, Any] | None,
+        earlier_options: dict[str, Any] | None,
     ) -> Job:
         """Check the arguments of :meth:`start` and make the job, with the record of earlier runs; write nothing."""
         stages: dict[str, dict[str, Any]] = {}
@@ -139,11 +140,11 @@ class Job:
             source, stages = source or Path(earlier["source"]), earlier["stages"]
             if prompts is None and masks is None:  # new clicks or masks replace both
                 prompts, masks = _path(earlier["prompts"]), _path(earlier["masks"])
-            given = {**(earlier["given"] if own is None else own), **given}
+            user_options = {**(earlier["given"] if earlier_options is None else earlier_options), **user_options}
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
         check_inputs(source, prompts, masks, folder / CLICKS)
-        job = cls(folder, lock, source.resolve(), _resolved(prompts), _resolved(masks), given)
+        job = cls(folder, lock, source.resolve(), _resolved(prompts), _resolved(masks), user_options)
         check_folder(folder, job.source, resume)
         job.stages = stages
         return job
@@ -246,7 +247,7 @@ class Job:
                 "source": str(self.source),
                 "prompts": None if self.prompts is None else str(self.prompts),
                 "masks": None if self.masks is None else str(self.masks),
-                "given": self.given,
+                "given": self.user_options,
                 "config": as_dict(self.config),
                 "stages": self.stages,
             },
@@ -258,9 +259,9 @@ class Job:
         return adjusts_to_control(self.config)
 
 
-def _with_whole_paths(given: dict[str, Any]) -> dict[str, Any]:
+def _with_whole_paths(options: dict[str, Any]) -> dict[str, Any]:
     """Make the paths of options that name files absolute: a job may be resumed from another folder."""
-    return {k: str(Path(v).resolve()) if k in TABLES and isinstance(v, str) and v else v for k, v in given.items()}
+    return {k: str(Path(v).resolve()) if k in TABLES and isinstance(v, str) and v else v for k, v in options.items()}
 
 
 def _path(text: str | None) -> Path | None:

@@ -45,10 +45,10 @@ def read_algorithm_options(args: argparse.Namespace, command: str) -> dict[str, 
     Raises:
         BadInput: an option that the command does not use, or a value that the option does not take.
     """
-    given = {**(read_config(args.config) if args.config else {}), **option_pairs(args.set)}
-    check_used(command, given)
-    algorithm_values(given)  # checks them; one given at its default has to win over the job's
-    return given
+    user_options = {**(read_config(args.config) if args.config else {}), **option_pairs(args.set)}
+    check_used(command, user_options)
+    algorithm_values(user_options)  # checks them; one given at its default has to win over the job's
+    return user_options
 
 
 def read_number(flag: str, text: str | None, what: str) -> float | None:

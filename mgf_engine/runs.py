@@ -38,25 +38,25 @@ class Run:
         number: its folder is ``runs/NUMBER``.
         time: when it was finished, seconds since 1970.
         figures: the headline figures (faces, PSNR ...).
-        given: the options the user gave.
+        user_options: the options the user gave.
         size: bytes that removing it frees: of files that have no other name.
     """
 
     number: int
     time: float
     figures: dict[str, Any]
-    given: dict[str, Any]
+    user_options: dict[str, Any]
     size: int
 
 
-def keep_run(job: Path, names: Iterable[str], manifest: dict[str, Any], given: dict[str, Any]) -> int:
+def keep_run(job: Path, names: Iterable[str], manifest: dict[str, Any], user_options: dict[str, Any]) -> int:
     """Keep a finished run under a number of its own and write the job's ``deliver.json``, which names its files.
 
     Args:
         job: the job folder.
         names: files and folders of the job folder that belong to the result; those that are not there are left out.
         manifest: what ``deliver.json`` says, file names relative to the job folder.
-        given: the options the user gave.
+        user_options: the options the user gave.
 
     Returns:
         The run's number.
@@ -68,7 +68,7 @@ def keep_run(job: Path, names: Iterable[str], manifest: dict[str, Any], given: d
     # For who imports this run's folder by itself; the working photos lie outside.
     views = [{**view, "file": None} for view in manifest["views"]]
     write_json(folder / MANIFEST, {**manifest, "views": views})
-    record = {"time": time.time(), "version": __version__, "figures": manifest["figures"], "given": given}
+    record = {"time": time.time(), "version": __version__, "figures": manifest["figures"], "given": user_options}
     write_json(folder / RECORD, record)
     write_json(job / MANIFEST, _below(manifest, f"{FOLDER}/{number}/"))
     return number
@@ -131,13 +131,13 @@ def remove_runs(job: Path, numbers: Iterable[int]) -> list[Run]:
 def _read(folder: Path) -> Run | None:
     try:
         record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        figures, given = dict(record["figures"]), dict(record["given"])
+        figures, user_options = dict(record["figures"]), dict(record["given"])
         moment = float(record["time"])
         time.localtime(moment)
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
     states = [path.stat() for path in folder.rglob("*") if path.is_file()]
-    return Run(int(folder.name), moment, figures, given, sum(s.st_size for s in states if s.st_nlink < 2))
+    return Run(int(folder.name), moment, figures, user_options, sum(s.st_size for s in states if s.st_nlink < 2))
 
 
 def _link(source: Path, target: Path) -> None:

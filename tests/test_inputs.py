@@ -52,7 +52,7 @@ def run(source: Path, monkeypatch):
 
         monkeypatch.setattr(Stage, "runner", lambda self: stage(self.name))
         sent: list[dict] = []
-        with Job.start(folder, source, source / "clicks.json", given={"texture": False}, resume=True) as job:
+        with Job.start(folder, source, source / "clicks.json", user_options={"texture": False}, resume=True) as job:
             pipeline.run_job(job, Reporter(sent.append))
         return [m["stage"] for m in sent if m["type"] == "stage" and not m["cached"]]
 
@@ -101,7 +101,7 @@ def test_clicks_that_are_gone_are_taken_from_the_job(source: Path, tmp_path: Pat
         assert all(job.done(stage) for stage in STAGE_NAMES)
         job.begin("masks")
         assert kept.read_text() == CLICK
-    with Job.start(tmp_path / "job", source, kept, given={"vote_dilation": 1}, resume=True) as job:
+    with Job.start(tmp_path / "job", source, kept, user_options={"vote_dilation": 1}, resume=True) as job:
         job.begin("masks")
         job.keep_clicks()
         assert kept.read_text() == CLICK
@@ -142,7 +142,7 @@ def test_clicks_and_masks_together_are_refused(source: Path, tmp_path: Path) -> 
 
 
 def test_without_masks_neither_clicks_nor_masks_are_watched(source: Path, tmp_path: Path) -> None:
-    with Job.start(tmp_path / "job", source, source / "clicks.json", given={"use_masks": False}) as job:
+    with Job.start(tmp_path / "job", source, source / "clicks.json", user_options={"use_masks": False}) as job:
         keys = job.keys
     (source / "clicks.json").write_text("{}")
     with Job.start(tmp_path / "job", resume=True) as job:

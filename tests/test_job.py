@@ -53,13 +53,13 @@ def test_a_finished_job_is_done_after_reopening(tmp_path: Path, source: Path) ->
 def test_a_changed_option_redoes_its_stage_and_the_later_ones(tmp_path, source, options, first_redone) -> None:
     with Job.start(tmp_path / "job", source) as job:
         finish_all(job)
-    with Job.start(tmp_path / "job", source, given=options, resume=True) as job:
+    with Job.start(tmp_path / "job", source, user_options=options, resume=True) as job:
         assert [s for s in STAGE_NAMES if not job.done(s)] == list(STAGE_NAMES[STAGE_NAMES.index(first_redone) :])
 
 
 def test_options_given_once_stay_for_the_resumed_job(tmp_path: Path, source: Path) -> None:
-    Job.start(tmp_path / "job", source, given={"iterations": 11}).close()
-    with Job.start(tmp_path / "job", source, given={"seed": 2}, resume=True) as job:
+    Job.start(tmp_path / "job", source, user_options={"iterations": 11}).close()
+    with Job.start(tmp_path / "job", source, user_options={"seed": 2}, resume=True) as job:
         assert (job.config.iterations, job.config.seed) == (11, 2)
 
 
@@ -72,7 +72,7 @@ def test_which_photos_are_clicked_decides_the_scene_only_where_photos_are_left_o
         for text in ('{"a": {"positive": [[1, 2]]}}', '{"a": {"positive": [[3, 4]]}}', '{"b": {"positive": [[3, 4]]}}'):
             prompts.write_text(text)
             given = {"max_photos": limit}
-            with Job.start(tmp_path / "job", source, prompts, given=given, resume=True) as job:
+            with Job.start(tmp_path / "job", source, prompts, user_options=given, resume=True) as job:
                 keys[limit, text] = job.keys["scene"]
     all_photos, few_photos = list(keys.values())[:3], list(keys.values())[3:]
     assert len(set(all_photos)) == 1
@@ -90,9 +90,9 @@ def redone(folder: Path, change: Callable[[], object], *inputs: Path | None) -> 
 
 
 def test_a_limit_that_leaves_no_photo_out_changes_nothing(tmp_path: Path, source: Path) -> None:
-    with Job.start(tmp_path / "job", source, given={"preset": "standard"}) as job:
+    with Job.start(tmp_path / "job", source, user_options={"preset": "standard"}) as job:
         keys = job.keys
-    with Job.start(tmp_path / "job", given={"preset": "draft"}, resume=True) as job:
+    with Job.start(tmp_path / "job", user_options={"preset": "draft"}, resume=True) as job:
         assert [stage for stage in STAGE_NAMES if job.keys[stage] == keys[stage]] == ["scene", "masks"]
 
 
@@ -102,9 +102,9 @@ def test_numbers_of_georeferencing_redo_the_scene_only_where_control_points_move
 ) -> None:
     (tmp_path / "points.csv").write_text("P1,1,2,3")
     given = {"control": str(tmp_path / "points.csv"), "control_adjust": adjust}
-    with Job.start(tmp_path / "job", source, given=given) as job:
+    with Job.start(tmp_path / "job", source, user_options=given) as job:
         finish_all(job)
-    with Job.start(tmp_path / "job", given={"control_points.accuracy": 0.02}, resume=True) as job:
+    with Job.start(tmp_path / "job", user_options={"control_points.accuracy": 0.02}, resume=True) as job:
         undone = [stage for stage in STAGE_NAMES if not job.done(stage)]
     assert undone == list(STAGE_NAMES[STAGE_NAMES.index(first) :])
 
@@ -258,7 +258,7 @@ def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path,
         checkpoint.write_bytes(b"1")
         job.begin("field")
         assert checkpoint.exists()
-    with Job.start(tmp_path / "job", given={"seed": 3}, resume=True) as job:
+    with Job.start(tmp_path / "job", user_options={"seed": 3}, resume=True) as job:
         job.begin("field")
         assert not checkpoint.exists()
 
@@ -289,7 +289,7 @@ def test_results_that_are_gone_are_missed_where_they_are_needed(tmp_path, source
         leave_results(job)
         for name in deleted:
             job.path(name).unlink()
-    with Job.start(tmp_path / "job", given=options, resume=True) as job:
+    with Job.start(tmp_path / "job", user_options=options, resume=True) as job:
         assert job.missing_results("deliver") == lost
 
 
@@ -340,7 +340,7 @@ def test_marks_of_begun_stages_may_hold_anything(tmp_path: Path, source: Path) -
 
 
 def test_job_file_holds_inputs_and_options(tmp_path: Path, source: Path) -> None:
-    Job.start(tmp_path / "job", source, given={"seed": 4}).close()
+    Job.start(tmp_path / "job", source, user_options={"seed": 4}).close()
     data = json.loads((tmp_path / "job" / "job.json").read_text())
     assert data["given"] == {"seed": 4}
     assert data["config"]["seed"] == 4

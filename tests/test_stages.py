@@ -66,7 +66,7 @@ with job.Job.start(source / "job", source) as work:
     figures = work.stages["weigh"]["figures"]
     work.path("weight.txt").unlink()
     lost = work.missing_results("weigh")
-with job.Job.start(source / "job", given={"seed": 5}, resume=True) as work:
+with job.Job.start(source / "job", user_options={"seed": 5}, resume=True) as work:
     kept_key = work.keys["weigh"] == keys["weigh"]
 photos = estimate.Photos(10, (400, 300))
 print(json.dumps({

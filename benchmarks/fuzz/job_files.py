@@ -17,7 +17,7 @@ def _prepare_job(folder: Path) -> None:
     from mgf_engine.job import Job
 
     (folder / "photos").mkdir()
-    with Job.start(folder / "job", folder / "photos", given={"seed": 3}) as job:
+    with Job.start(folder / "job", folder / "photos", user_options={"seed": 3}) as job:
         for stage in ("scene", "masks"):
             job.finish(stage, job.begin(stage), 1.0, 2.0, 5, {"photos": 3}, ["a warning"])
 

@@ -71,7 +71,7 @@ class ReportData:
         title: the scene's name.
         command: the command line that makes this result again.
         config: every option, name -> value.
-        given: the options the user gave (shown apart from the defaults).
+        user_options: the options the user gave (shown apart from the defaults).
         views: all photos; held-out ones with pictures first in the page.
         counts: what was counted, label -> number, in the order shown (photos, points, masked points, Gaussians,
             vertices, faces ...).
@@ -100,7 +100,7 @@ class ReportData:
     title: str
     command: str
     config: dict[str, Any]
-    given: dict[str, Any] = field(default_factory=dict)
+    user_options: dict[str, Any] = field(default_factory=dict)
     views: list[ViewReport] = field(default_factory=list)
     counts: dict[str, float] = field(default_factory=dict)
     stages: list[StageReport] = field(default_factory=list)
@@ -151,7 +151,7 @@ def report_figures(data: ReportData) -> dict[str, Any]:
     held_out, training = _means(data)
     result = {
         "format": FORMAT, "title": data.title, "command": data.command, "seed": data.config.get("seed"),
-        "config": data.config, "given": data.given,
+        "config": data.config, "given": data.user_options,
         "held_out": asdict(held_out) if held_out else None, "training": asdict(training) if training else None,
         "views": [
             {"name": v.name, "held_out": v.held_out, "note": v.note, "scores": asdict(v.scores) if v.scores else None}

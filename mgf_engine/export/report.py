@@ -191,7 +191,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         title=job.source.name,
         command=_command(job),
         config=as_dict(job.config),
-        given=job.given,
+        user_options=job.user_options,
         views=views,
         counts={
             "photos": len(scene.views), "photos left out": len(scene.left_out),
@@ -238,7 +238,7 @@ def _command(job: Job) -> str:
     parts = ["mgf", "reconstruct", str(job.source)]
     for flag, path in (("--prompts", job.prompts), ("--masks", job.masks)):
         parts += [flag, str(path)] if path else []
-    for name, value in job.given.items():
+    for name, value in job.user_options.items():
         parts += ["--set", f"{name}={value}"]
     join = shlex.join if sys.platform != "win32" else " ".join
     return join([*parts, "--out", str(job.folder)])

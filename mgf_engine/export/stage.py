@@ -81,7 +81,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         figures = report_job(job, JobResults(scene, masks, field, normalised), texture, fit, reporter)
     figures = {**figures, **rms_figures(fit)}
     manifest = {**_manifest(job, scene, renders, figures), **_offset(field, scene)}
-    keep_run(job.folder, _RESULT, manifest, job.given)
+    keep_run(job.folder, _RESULT, manifest, job.user_options)
     return figures
 
 

@@ -46,21 +46,21 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
     Raises:
         BadInput: the job is not finished, or what the user gave cannot be used; the job is then as it was.
     """
-    given = read_options(args)
+    user_options = read_options(args)
     reporter.stages = (STAGE,)
     reporter.stage(STAGE)
     if args.predict is not None:
         from mgf_engine.georef.predict import write_places
 
-        count = write_places(args.job, given, args.predict, reporter)
+        count = write_places(args.job, user_options, args.predict, reporter)
         reporter.send("result", path=str(args.predict), files={}, figures={"points": count})
         return
     record = args.job / "job.json"
     before = record.read_bytes() if record.is_file() else None
     earlier = read_job(args.job)
-    own = known_options(earlier["given"], reporter.warning)
+    earlier_options = known_options(earlier["given"], reporter.warning)
     try:
-        job, kept = _open(args.job, given, own)
+        job, kept = _open(args.job, user_options, earlier_options)
         if kept and cameras_adjusted(earlier):
             reporter.warning(
                 "Control points moved the cameras of this job when its scene was made; a check point of today that was "
@@ -91,26 +91,28 @@ def read_options(args: argparse.Namespace) -> dict[str, Any]:
     """
     names = [f.name for f in option_fields() if f.metadata["section"] == STAGE]
     flags = {name: value for name, value in vars(args).items() if name in names}
-    given = {**(read_config(args.config) if args.config else {}), **option_pairs(args.set)}
-    check_used(STAGE, (name for name in given if name not in names))
-    make_config(given)
-    return {**given, **flags}
+    user_options = {**(read_config(args.config) if args.config else {}), **option_pairs(args.set)}
+    check_used(STAGE, (name for name in user_options if name not in names))
+    make_config(user_options)
+    return {**user_options, **flags}
 
 
-def _open(folder: Path, given: dict[str, Any], own: dict[str, Any]) -> tuple[Job, bool]:
+def _open(folder: Path, user_options: dict[str, Any], earlier_options: dict[str, Any]) -> tuple[Job, bool]:
     """Return the job with new options, and whether control points would have moved its cameras, which are left
     alone.
 
     Args:
         folder: of the job.
-        given: new options.
-        own: options that the job was made with.
+        user_options: new options.
+        earlier_options: options that the job was made with.
     """
-    job = Job.start(folder, given=given, resume=True, own=own)
+    job = Job.start(folder, user_options=user_options, resume=True, earlier_options=earlier_options)
     if job.done("scene") or not job.adjusts_to_control:
         return job, False
     job.close()
-    return Job.start(folder, given={**given, "control_adjust": False}, resume=True, own=own), True
+    return Job.start(
+        folder, user_options={**user_options, "control_adjust": False}, resume=True, earlier_options=earlier_options
+    ), True
 
 
 def cameras_adjusted(record: dict[str, Any]) -> bool:

@@ -35,19 +35,19 @@ MARKS, OTHERS, GEOREFERENCE = "marks", "other points", "georeference"  # what a 
 _LEAST_RADIUS = 4.0  # px of the photo as taken: as well as people click
 
 
-def write_places(job: Path, given: Mapping[str, Any], out: Path, reporter: Reporter) -> int:
+def write_places(job: Path, user_options: Mapping[str, Any], out: Path, reporter: Reporter) -> int:
     """Write the points of ``--control`` and where they should appear, as JSON; returns how many points there are.
 
     Args:
         job: its scene is enough, it need not be finished.
-        given: ``control``, and where there are some ``marks`` and ``crs``.
+        user_options: ``control``, and where there are some ``marks`` and ``crs``.
         out: the JSON file.
         reporter: for progress and warnings.
 
     Raises:
         BadInput: the job has no scene yet, or a file cannot be used.
     """
-    options = make_config(dict(given)).algorithm(GeoreferenceOptions)
+    options = make_config(dict(user_options)).algorithm(GeoreferenceOptions)
     if not options.control:
         raise BadInput("--predict needs control points; give them with --control FILE.")
     scene, georeference = read_scene(job / "scene"), read_georeference(job)

@@ -22,6 +22,7 @@ from mgf_engine.geometry.clean import face_areas, open_edges, parts, split_nonma
 from mgf_engine.geometry.clip import clip_level
 from mgf_engine.mesh.holes import boundary_loops, rim_length
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import directed_edges
 
 _REACH = 4.0  # standard deviations of the heat kernel beyond which values stay as they are
 _STEPS = 3  # of implicit Euler
@@ -185,8 +186,7 @@ def _laplacian(
 def _snapped(mesh: Mesh, level: NDArray[np.float64], snap: float) -> tuple[Mesh, NDArray[np.float64]]:
     """Return the mesh and level [N] with vertices close to the cut moved onto it, along the edge that is shortest to
     go: no slivers."""
-    a, b = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    a, b = np.r_[a, b], np.r_[b, a]
+    a, b = directed_edges(mesh.faces)
     crossed = level[a] * level[b] < 0
     a, b = a[crossed], b[crossed]
     share = level[a] / (level[a] - level[b])

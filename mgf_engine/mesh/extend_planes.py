@@ -21,6 +21,7 @@ from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import directed_edges
 
 Array = NDArray[np.float64]
 
@@ -132,8 +133,7 @@ def _constraints(
 ) -> _Constraints:
     """Return the planes of each vertex that has one: its own, and those of neighbours that meet it at an angle."""
     count = len(planes.normals)
-    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    a, b = np.r_[start, end].astype(np.int64), np.r_[end, start]
+    a, b = directed_edges(mesh.faces)
     meet = planes.normals @ planes.normals.T < np.cos(np.radians(o.angle))
     both = (label[a] >= 0) & (label[b] >= 0)
     a, b = a[both], b[both]

@@ -17,6 +17,7 @@ from mgf_engine.geometry.normals import face_cross_products
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import directed_edges
 
 Array = NDArray[np.float64]
 _STEPS_BACK = 4  # that a vertex goes back at most: by half its way each, the last one altogether
@@ -58,8 +59,7 @@ def slope_steps(
         single: which vertices lie in one plane only, bool [N]; the others stay.
         o: angle, heights and widths.
     """
-    start, end = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
-    a, b = np.r_[start, end].astype(np.int64), np.r_[end, start]
+    a, b = directed_edges(mesh.faces)
     parallel = planes.normals @ planes.normals.T > np.cos(np.radians(o.angle))
     meet = (label[a] >= 0) & (label[b] >= 0) & (label[a] != label[b]) & parallel[label[a], label[b]] & single[a]
     a, own, other = a[meet], label[a[meet]], label[b[meet]]

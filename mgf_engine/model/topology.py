@@ -71,9 +71,8 @@ class Adjacency:
             ``start`` [N + 1] and ``neighbour``: those of vertex v are ``neighbour[start[v]:start[v + 1]]``.
         """
         count = len(self.start) - 1
-        a = self.faces.ravel().astype(np.int64)
-        b = np.roll(self.faces, -1, axis=1).ravel().astype(np.int64)
-        first, neighbour = np.divmod(distinct(np.concatenate([a * count + b, b * count + a])), max(count, 1))
+        a, b = directed_edges(self.faces)
+        first, neighbour = np.divmod(distinct(a * count + b), max(count, 1))
         return np.searchsorted(first, np.arange(count + 1)), neighbour
 
     def smooth(self, at: NDArray[np.float64], fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -87,6 +86,12 @@ class Adjacency:
         normals = np.empty((len(at), 3))
         parallel("mgf_vertex_normals", len(at), *self._all, np.ascontiguousarray(at, dtype=np.float64), normals)
         return normals
+
+
+def directed_edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """List each edge of each face [F, 3] in both directions: its two vertices, int64 [6 F] each."""
+    start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    return np.r_[start, end], np.r_[end, start]
 
 
 def distinct(keys: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -49,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def buildings_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
+def buildings_command(args: argparse.Namespace, user_options: dict[str, Any]) -> int:
     """Make the plan, write it, and say what was found."""
     with town_folder(args.out, args.scene):
-        plan = plan_town(args, given, Reporter(make_sink("auto")))
+        plan = plan_town(args, user_options, Reporter(make_sink("auto")))
     print(table(plan))
     rows = [row for row in read_plan(args.out)["buildings"] if (args.out / BUILDINGS / row["id"] / ONE).is_file()]
     if rows:
@@ -61,7 +61,7 @@ def buildings_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
     return EXIT_DONE
 
 
-def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter) -> Plan:
+def plan_town(args: argparse.Namespace, user_options: dict[str, Any], reporter: Reporter) -> Plan:
     """Make the plan on disk from the arguments.
 
     Raises:
@@ -82,15 +82,15 @@ def plan_town(args: argparse.Namespace, given: dict[str, Any], reporter: Reporte
     if args.find == (args.footprints is not None):
         raise BadInput("Give either --footprints FILE, or --find to look for buildings in the sparse points.")
     footprints = read_footprints(args.footprints, args.layer) if args.footprints is not None else None
-    job, scene = shared_scene(args.scene, args.out / SCENE, {**given, "max_photos": 0}, reporter)
+    job, scene = shared_scene(args.scene, args.out / SCENE, {**user_options, "max_photos": 0}, reporter)
     if footprints is None:
-        footprints, placed = find_buildings(scene, make_config(given), reporter.warning)
+        footprints, placed = find_buildings(scene, make_config(user_options), reporter.warning)
     else:
         placed = place_footprints(
-            footprints, scene, make_config(given), args.footprints_crs, args.pairs, reporter.warning
+            footprints, scene, make_config(user_options), args.footprints_crs, args.pairs, reporter.warning
         )
     plan = make_plan(scene, placed, footprints, args.photos_per_building, _say, job.config.algorithm(PlanOptions))
-    plan = write_plan(plan, job, args.out, given, footprints, args.photos_per_building, args.clicks)
+    plan = write_plan(plan, job, args.out, user_options, footprints, args.photos_per_building, args.clicks)
     outlines = [(b.hull.id, b.hull.state, b.hull.polygon) for b in plan.buildings]
     draw_map(args.out / "map.png", scene, placed, outlines)
     return plan

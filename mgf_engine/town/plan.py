@@ -90,13 +90,13 @@ class Plan:
     options: PlanOptions = PlanOptions()
 
 
-def shared_scene(source: Path, folder: Path, given: dict[str, Any], reporter: Reporter) -> tuple[Job, Scene]:
+def shared_scene(source: Path, folder: Path, user_options: dict[str, Any], reporter: Reporter) -> tuple[Job, Scene]:
     """Run the scene stage of all photos, once in a job folder; the job is closed again.
 
     Args:
         source: folder of the user's scene.
         folder: of the job.
-        given: options as the user gave them.
+        user_options: options as the user gave them.
         reporter: for progress and warnings.
 
     Raises:
@@ -105,7 +105,7 @@ def shared_scene(source: Path, folder: Path, given: dict[str, Any], reporter: Re
     from mgf_engine.pipeline import run_job
     from mgf_engine.results import load_scene_of
 
-    with Job.start(folder, source, given=given, resume=(folder / "job.json").exists()) as job:
+    with Job.start(folder, source, user_options=user_options, resume=(folder / "job.json").exists()) as job:
         run_job(job, reporter, until="scene")
         return job, load_scene_of(job)
 

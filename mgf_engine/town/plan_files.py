@@ -43,7 +43,7 @@ def write_plan(
     plan: Plan,
     job: Job,
     out: Path,
-    given: dict[str, Any],
+    user_options: dict[str, Any],
     footprints: Footprints,
     most: int,
     by_hand: Path | None,
@@ -54,7 +54,7 @@ def write_plan(
         plan: as :func:`mgf_engine.town.plan.make_plan` made it.
         job: of the shared scene.
         out: folder of the town.
-        given: options of the jobs.
+        user_options: options of the jobs.
         footprints: the map, for its file's name.
         most: maximum number of photos of a building.
         by_hand: folder with ``ID.json`` for buildings that were clicked by hand; they win.
@@ -70,7 +70,7 @@ def write_plan(
         with_hand_clicks(building, _folder(out, building), by_hand, earlier, names) for building in plan.buildings
     ))  # fmt: skip
     submodels, polygons = _Submodels(plan, job), {b.hull.id: b.hull.polygon for b in plan.buildings}
-    rows = [_row(building, plan, given, polygons) for building in plan.buildings]
+    rows = [_row(building, plan, user_options, polygons) for building in plan.buildings]
     for building, row in zip(plan.buildings, rows, strict=True):
         folder = _folder(out, building)
         if building.runs or building.hull.state == DOUBTFUL:
@@ -130,11 +130,11 @@ def _within(area: Any, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(shapely.contains_xy(area, points[:, :2]))
 
 
-def _row(building: Building, plan: Plan, given: dict[str, Any], polygons: dict[str, Any]) -> dict[str, Any]:
+def _row(building: Building, plan: Plan, user_options: dict[str, Any], polygons: dict[str, Any]) -> dict[str, Any]:
     """Describe a building as plain data, for ``buildings.json``."""
     hull, choice, metre = building.hull, building.choice, plan.placed.metre
     names = [plan.scene.views[k].name for k in choice.photos]
-    options = {**given, "gps": "off", "crop_box": crop_box(hull, polygons, plan.placed, plan.options.box)}
+    options = {**user_options, "gps": "off", "crop_box": crop_box(hull, polygons, plan.placed, plan.options.box)}
     for name in ("crs", "control", "marks", "scale_bars"):  # the town has them, once for all
         options.pop(name, None)
     row: dict[str, Any] = {

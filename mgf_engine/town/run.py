@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
+def town_command(args: argparse.Namespace, user_options: dict[str, Any]) -> int:
     """Make the town; returns the exit code: 2 where a building failed.
 
     Raises:
@@ -70,7 +70,7 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
     with town_folder(args.out, args.scene), _one_town(args.out), _stoppable():
         if executor.name == SLURM and (left := cancel_jobs(args.out)):
             print(f"{left} jobs of an earlier run were ended; they go on where they were.", file=sys.stderr)
-        plan = plan_town(args, given, Reporter(make_sink("auto")))
+        plan = plan_town(args, user_options, Reporter(make_sink("auto")))
         rows = read_rows(args.out, running=False)
         ready = [row for row in rows if row["job"]]
         if not ready:
@@ -81,7 +81,7 @@ def town_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
             return EXIT_DONE
         clean_status(args.out, ready)
         wanted = Wanted(not args.no_terrain, not args.no_solids)
-        memory = write_config(args.out, executor, wanted, len(ready), len(plan.scene.views), given)
+        memory = write_config(args.out, executor, wanted, len(ready), len(plan.scene.views), user_options)
         code = run_jobs(args.out, executor, memory)
         return finish(args.out, code, args.faces_per_building, args.tiles, wanted)
 

@@ -52,12 +52,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reporting_arguments(parser)
 
 
-def suggest_command(args: argparse.Namespace, given: dict[str, Any]) -> int:
+def suggest_command(args: argparse.Namespace, user_options: dict[str, Any]) -> int:
     """Write the clicks and a sheet of pictures with them; returns the exit code."""
-    return run_reported(args, lambda reporter: _suggest(args, given, reporter))
+    return run_reported(args, lambda reporter: _suggest(args, user_options, reporter))
 
 
-def _suggest(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter) -> None:
+def _suggest(args: argparse.Namespace, user_options: dict[str, Any], reporter: Reporter) -> None:
     """Suggest the clicks, write them and the sheet, and report them.
 
     Raises:
@@ -65,8 +65,8 @@ def _suggest(args: argparse.Namespace, given: dict[str, Any], reporter: Reporter
     """
     from mgf_engine.town.plan import SCENE, shared_scene
 
-    every = {**given, "max_photos": 0}  # a job of its own keeps the photos that it was told to use
-    where = (args.out / SCENE, every) if args.job is None else (args.job, given)
+    every = {**user_options, "max_photos": 0}  # a job of its own keeps the photos that it was told to use
+    where = (args.out / SCENE, every) if args.job is None else (args.job, user_options)
     job, scene = shared_scene(args.scene, *where, reporter)
     reporter.stages = (*reporter.stages, STAGE)
     reporter.stage(STAGE)

@@ -72,12 +72,13 @@ class Status:
 
 def options_of(row: dict[str, Any], attempt: int, threads: int) -> dict[str, Any]:
     """Return the options of a building's job; a second attempt works on smaller photos and takes a smaller texture."""
-    given = {**row["options"], "threads": threads}
-    config = make_config(given)
+    user_options = {**row["options"], "threads": threads}
+    config = make_config(user_options)
     side, texture = config.resolution, config.texture_size
     if attempt > 1:
         side, texture = max(min(LEAST_SIDE, side), round(SMALLER * side)), min(SMALL_TEXTURE, texture)
-    return {**given, "resolution": side, "texture_size": texture}  # named always: a job remembers what it was given
+    # Both are named even at their defaults, since a resumed job keeps the options it had.
+    return {**user_options, "resolution": side, "texture_size": texture}
 
 
 def run_building(folder: Path, attempt: int, threads: int, solid: bool = False) -> int:
@@ -124,7 +125,7 @@ def worth_retrying(status: dict[str, Any]) -> bool:
     return not refused or "memory" in str(status.get("text", "")).lower()
 
 
-def _open_job(folder: Path, given: dict[str, Any]) -> Any:
+def _open_job(folder: Path, user_options: dict[str, Any]) -> Any:
     """Open the job, once a job of a town that was killed has let go of its folder."""
     from mgf_engine.job import Job
 
@@ -132,18 +133,18 @@ def _open_job(folder: Path, given: dict[str, Any]) -> Any:
     while True:
         resume = (place / "job.json").exists()
         try:
-            return Job.start(place, folder / "scene", folder / "prompts.json", given=given, resume=resume)
+            return Job.start(place, folder / "scene", folder / "prompts.json", user_options=user_options, resume=resume)
         except BadInput as error:
             if "in use" not in str(error) or time.monotonic() > until:
                 raise
             time.sleep(_PAUSE)
 
 
-def _run(folder: Path, given: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+def _run(folder: Path, user_options: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     from mgf_engine.pipeline import run_job
     from mgf_engine.town.share import take_scene
 
-    with _open_job(folder, given) as job:
+    with _open_job(folder, user_options) as job:
         take_scene(job, folder.parents[1] / "scene" / "scene")
         run_job(job, reporter)
         draw(job, folder / PICTURE)

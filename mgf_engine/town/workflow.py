@@ -56,7 +56,7 @@ class Wanted:
 
 
 def write_config(
-    town: Path, executor: Executor, wanted: Wanted, buildings: int, photos: int, given: dict[str, Any]
+    town: Path, executor: Executor, wanted: Wanted, buildings: int, photos: int, user_options: dict[str, Any]
 ) -> int:
     """Write what the Snakefile wants to know.
 
@@ -65,17 +65,17 @@ def write_config(
         executor: where the jobs run.
         wanted: what every building's job makes.
         buildings: that will run; photos: of the whole scene.
-        given: options of jobs.
+        user_options: options of jobs.
 
     Returns:
         The megabytes that all local jobs may take together; 0 on a cluster.
     """
     number = executor.cores or cores()
     usual = max(1, number // buildings) if executor.local else CLUSTER_THREADS
-    allowed = float(given.get("memory", 0))
+    allowed = float(user_options.get("memory", 0))
     memory = round(budget_of(allowed) / 1e6) if executor.local else round(allowed * 1000)
     values = {
-        "python": sys.executable, "threads": int(given.get("threads", 0)) or usual, "memory_mb": memory,
+        "python": sys.executable, "threads": int(user_options.get("threads", 0)) or usual, "memory_mb": memory,
         "photos": photos, "terrain": wanted.terrain, "solids": wanted.solids,
     }  # fmt: skip
     write_json(town / CONFIG, values)

@@ -31,7 +31,7 @@ def finish(job: Job, *stages: str) -> None:
 
 
 def start(folder: Path, source: Path, **options: object) -> Job:
-    return Job.start(folder, source, given=options, resume=True)
+    return Job.start(folder, source, user_options=options, resume=True)
 
 
 def test_a_run_takes_what_its_options_leave_unchanged_and_its_cost(tmp_path: Path, source: Path) -> None:

@@ -37,7 +37,7 @@ def data(tmp_path: Path) -> ReportData:
     write_png(tmp_path / "sheet.png", np.zeros((20, 30, 3), np.uint8))
     return ReportData(
         title="St. <Mary> & Söhne", command="mgf reconstruct 'a b' --out job", config=as_dict(config),
-        given={"preset": "draft"},
+        user_options={"preset": "draft"},
         views=[view("a.jpg", False, 1), view("b.jpg", True, 2), view("c.jpg", True, 3), view("d.jpg", False, 1, False)],
         counts={"photos": 4, "Gaussians": 123456, "faces": 98765},
         stages=[StageReport("scene", 1.5, 10**8), StageReport("field", 240.0, 2 * 10**9)], iterations=1500,

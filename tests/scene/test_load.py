@@ -187,10 +187,10 @@ def test_the_job_may_lie_inside_the_scene(source: Path) -> None:
 
 
 def test_what_is_kept_out_of_training_is_asked_for_by_the_job_that_trains(source: Path, tmp_path: Path) -> None:
-    with Job.start(tmp_path / "job", source, given={"holdout_every": 0}) as job:
+    with Job.start(tmp_path / "job", source, user_options={"holdout_every": 0}) as job:
         load_scene(job.source, job.path("scene"), job.config, Messages().reporter)
         assert load_scene_of(job).held_out == ()
-    with Job.start(tmp_path / "job", source, given={"holdout_every": 4}, resume=True) as job:
+    with Job.start(tmp_path / "job", source, user_options={"holdout_every": 4}, resume=True) as job:
         assert load_scene_of(job).held_out == load(source, tmp_path / "other", holdout_every=4).held_out != ()
 
 

@@ -12,13 +12,13 @@ static const float CLOSELY = 4;  // bands behind a surface that count as closely
 
 // What a depth map says at one pixel; weight 0: nothing.
 typedef struct {
-    float depth, slope, weight, likeness;
+    float depth, slope, weight, correlation;
 } Pixel;
 
 // What all views say of a point.
 typedef struct {
     float weight, sum;                     // of the distances s / band, -1..1
-    float likeness;                        // of the photos of the `near` views at the surface, added up
+    float correlation;                     // of the photos of the `near` views at the surface, added up
     int32_t covered, outside, seen, near;  // number of views; near: that show a surface within half a band,
     int32_t judging, behind;               // that say how far off it is, that cover the point closely
 } TsdfSample;
@@ -46,7 +46,7 @@ static inline Pixel sample(const TrustedView *j, Pixel nearest, double u, double
     for (int k = 0; k < 4; k++)
         if (!(four[k].weight > 0) || __builtin_fabsf(four[k].depth - nearest.depth) > limit) return nearest;
     const float w[4] = {(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b};
-    Pixel r = {0, 0, 0, nearest.likeness};
+    Pixel r = {0, 0, 0, nearest.correlation};
     for (int k = 0; k < 4; k++)
         r.depth += w[k] * four[k].depth, r.slope += w[k] * four[k].slope, r.weight += w[k] * four[k].weight;
     return r;
@@ -80,7 +80,7 @@ static inline int far_behind(const TrustedView *j, const Pixel *nearest, double 
 static void add_view(const TrustedView *j, Pixel here, double depth, TsdfSample *tsdf) {
     const float limit = (float)j->band * here.depth;
     const float s = (float)(here.depth - depth) * here.slope;
-    if (s < 0.5f * limit && s > -0.5f * limit) tsdf->near++, tsdf->likeness += here.likeness;
+    if (s < 0.5f * limit && s > -0.5f * limit) tsdf->near++, tsdf->correlation += here.correlation;
     if (s < -limit) {
         tsdf->covered++, tsdf->behind += s > -CLOSELY * limit;
         return;
