@@ -64,8 +64,8 @@ def dense_points(
     threads = threads or cores()
     inside = lambda i: building(masks.labels[i])  # noqa: E731
     matching = Matching(options.neighbours, options.longest_side, options.stereo)
-    scene_to_match, kept = points_to_match(scene, masks, views, options.hull)
-    depths = match_photos(scene_to_match, views, kept, inside, matching, threads, reporter.check)
+    points_on_building = points_to_match(scene, masks, views, options.hull)
+    depths = match_photos(points_on_building, inside, matching, threads, reporter.check)
     confirmed = parallel_map(lambda i: _confirmed_points(i, depths, scene), depths.maps, threads)
     found = [f for f in confirmed if len(f[0])]
     if not found:

@@ -17,7 +17,6 @@ from mgf_engine.mesh.screening import voting_views
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.neighbours import matching_views
 
 
 def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions = ExtractionOptions()) -> TrustedViews:
@@ -46,8 +45,8 @@ def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions 
 def _photos(scene: Scene, masks: MaskSet, chosen: Sequence[int], options: ExtractionOptions) -> Photos:
     """Find the neighbours of the chosen photos; numbers are positions in ``chosen``."""
     position = {view: number for number, view in enumerate(chosen)}
-    scene_to_match, kept = points_to_match(scene, masks, chosen, options.mask_hull)
-    pairs = matching_views(scene_to_match, kept, chosen, options.neighbours, options.matching)
+    points = points_to_match(scene, masks, chosen, options.mask_hull)
+    pairs = points.neighbours(options.neighbours, options.matching)
 
     def grey(number: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.cvtColor(scene.photo(chosen[number]), cv2.COLOR_RGB2GRAY), np.uint8)

@@ -8,7 +8,7 @@ of many photos are compared, since what is left of the pattern differs in each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.model.scene import Scene
 from mgf_engine.scene.depths import Depths, Matching, match_photos
+from mgf_engine.scene.neighbours import MatchingPoints
 from mgf_engine.scene.patch_match import PatchMatchOptions, improve_depths
 
 
@@ -113,9 +113,7 @@ def on_aliased_texture(
 
 
 def match_reduced(
-    scene: Scene,
-    views: Sequence[int],
-    kept: NDArray[np.bool_],
+    points: MatchingPoints,
     inside: Callable[[int], NDArray[np.bool_]] | None,
     matching: Matching,
     o: CoarseStereoOptions,
@@ -125,21 +123,19 @@ def match_reduced(
     """Compute the depth maps of reduced photos, as :func:`match_photos` and then by PatchMatch.
 
     Args:
-        scene: photos, cameras and sparse points.
-        views: indices of the views.
-        kept: sparse points for the choice of neighbours and the range of depths, bool [P].
+        points: photos and cameras, and the sparse points that choose neighbours and the range of depths.
         inside: view -> bool [H, W], the pixels that are wanted; None for all.
         matching: options for photos that are not reduced.
         o: how far photos are reduced, and what counts.
         threads: number of worker threads.
         check: called between photos; may raise to cancel.
     """
-    largest = max(max(scene.views[i].width, scene.views[i].height) for i in views)
+    largest = max(max(view.width, view.height) for view in (points.scene.views[i] for i in points.views))
     stereo = replace(matching.stereo, window=o.window)
     reduced = replace(matching, longest_side=round(min(o.longest_side, largest) / o.factor), stereo=stereo, blur=o.blur)
-    depths = match_photos(scene, views, kept, inside, reduced, threads, check)
+    depths = match_photos(points, inside, reduced, threads, check)
     search = PatchMatchOptions(
         neighbours=o.neighbours, best=o.best, rounds=o.rounds, texture=o.deviation, sure_score=o.score,
         agreed_score=min(o.score, PatchMatchOptions.agreed_score),
     )  # fmt: skip
-    return improve_depths(depths, scene, kept, stereo.neighbours, search, check)
+    return improve_depths(depths, points, stereo.neighbours, search, check)

@@ -7,7 +7,7 @@ whose depth another photo's depth map confirms is a point of the scene.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.scene.neighbours import matching_views, point_sets
+from mgf_engine.scene.neighbours import MatchingPoints
 from mgf_engine.scene.stereo import Photo, StereoOptions, pair_depth
 
 
@@ -100,9 +100,7 @@ class Depths:
 
 
 def match_photos(
-    scene: Scene,
-    views: Sequence[int],
-    kept: NDArray[np.bool_],
+    points: MatchingPoints,
     inside: Callable[[int], NDArray[np.bool_]] | None,
     matching: Matching,
     threads: int,
@@ -111,14 +109,13 @@ def match_photos(
     """Compute the depth maps of views from each other.
 
     Args:
-        scene: photos, cameras and sparse points.
-        views: indices of the views.
-        kept: sparse points for the choice of neighbours and the range of depths, bool [P].
+        points: photos and cameras, and the sparse points that choose neighbours and the range of depths.
         inside: view -> bool [H, W], the pixels that are wanted; None for all.
         matching: options of the matching.
         threads: number of worker threads.
         check: called between photos; may raise to cancel.
     """
+    scene, views = points.scene, points.views
 
     def read_photo(i: int) -> Photo:
         photo = photo_at(scene, i, inside and inside(i), matching.longest_side)
@@ -128,14 +125,14 @@ def match_photos(
 
     read = parallel_map(read_photo, views, threads)
     photos = dict(zip(views, read, strict=True))
-    chosen = matching_views(scene, kept, views, matching.neighbours, matching.stereo.neighbours)
-    sets, tolerance = point_sets(scene, kept), matching.stereo.tolerance
+    chosen = points.neighbours(matching.neighbours, matching.stereo.neighbours)
+    observed, tolerance = points.observed, matching.stereo.tolerance
 
     def match_view(i: int) -> NDArray[np.float32] | None:
         found = []
         for j in chosen[i]:
-            points = scene.points[np.intersect1d(sets[i], sets[j])]
-            depth = pair_depth(photos[i], photos[j], points, matching.stereo)
+            shared = scene.points[np.intersect1d(observed[i], observed[j])]
+            depth = pair_depth(photos[i], photos[j], shared, matching.stereo)
             if depth is not None:
                 found.append(depth)
         return _merge(found, 2 * tolerance) if found else None

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,46 +27,55 @@ class NeighbourOptions:
     least_score: float = parameter(0.45, "Minimum score of a photo, as a share of the best one's score", high=1)
 
 
-def matching_views(
-    scene: Scene,
-    kept: NDArray[np.bool_],
-    views: Sequence[int],
-    count: int,
-    options: NeighbourOptions = NeighbourOptions(),
-) -> dict[int, list[int]]:
-    """Choose for each view up to ``count`` others to match it with.
+@dataclass(frozen=True)
+class MatchingPoints:
+    """Views to be matched with each other, and the sparse points that choose their neighbours and range of depths.
 
-    Args:
+    Attributes:
         scene: cameras, sparse points and their observations.
-        kept: [P], the sparse points that count.
-        views: indices of the views to choose for and from.
-        count: maximum number of neighbours of a view.
-        options: angles, and how well a neighbour must fit.
-
-    Returns:
-        view -> its neighbours, best first.
+        kept: the points that count, bool [P].
+        views: indices of the views.
     """
-    shared, angle = _overlap(scene, kept, views, options.least_shared)
-    return {i: [views[k] for k in _best(shared[n], angle[n], count, options)] for n, i in enumerate(views)}
+
+    scene: Scene
+    kept: NDArray[np.bool_]
+    views: Sequence[int]
+    _overlaps: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    @cached_property
+    def observed(self) -> list[NDArray[np.int64]]:
+        """The points that count and that each view of the scene observed, by their numbers."""
+        owner = self.scene.track_point
+        wanted = self.kept[owner]
+        seen = (self.scene.observations(i) for i in range(len(self.scene.views)))
+        return [np.unique(owner[rows[wanted[rows]]]) for rows in seen]
+
+    def neighbours(self, count: int, options: NeighbourOptions = NeighbourOptions()) -> dict[int, list[int]]:
+        """Choose for each view up to ``count`` others to match it with.
+
+        Args:
+            count: maximum number of neighbours of a view.
+            options: angles, and how well a neighbour must fit.
+
+        Returns:
+            view -> its neighbours, best first.
+        """
+        if options.least_shared not in self._overlaps:
+            self._overlaps[options.least_shared] = _overlap(self, options.least_shared)
+        shared, angle = self._overlaps[options.least_shared]
+        best = (_best(shared[n], angle[n], count, options) for n in range(len(self.views)))
+        return {i: [self.views[k] for k in rows] for i, rows in zip(self.views, best, strict=True)}
 
 
-def point_sets(scene: Scene, kept: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Return per view those of the kept points [P] that it observed."""
-    owner = scene.track_point
-    wanted = kept[owner]
-    seen = (scene.observations(i) for i in range(len(scene.views)))
-    return [np.unique(owner[rows[wanted[rows]]]) for rows in seen]
-
-
-def _overlap(
-    scene: Scene, kept: NDArray[np.bool_], views: Sequence[int], least_shared: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute per pair of views how many kept points both observed, and the median angle between their rays.
+def _overlap(points: MatchingPoints, least_shared: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compute per pair of views how many points both observed, and the median angle between their rays.
 
     Returns:
         counts [V, V], 0 below ``least_shared``, and angles [V, V] in degrees.
     """
-    sets = point_sets(scene, kept)
+    scene, views, sets = points.scene, points.views, points.observed
     count = len(views)
     shared, angle = np.zeros((count, count)), np.zeros((count, count))
     if count == 0:

@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.model.scene import Scene
 from mgf_engine.native.library import parallel
 from mgf_engine.scene.depths import Depths
 from mgf_engine.scene.kernel_photos import photo_struct
-from mgf_engine.scene.neighbours import NeighbourOptions, matching_views, point_sets
+from mgf_engine.scene.neighbours import MatchingPoints, NeighbourOptions
 from mgf_engine.scene.stereo import Photo
 
 REACH = 5  # px from a pixel to the farthest whose plane it tries; as in csrc/stereo/patch_match.c
@@ -86,8 +85,7 @@ class PixelPlanes:
 
 def improve_depths(
     depths: Depths,
-    scene: Scene,
-    kept: NDArray[np.bool_],
+    points: MatchingPoints,
     choice: NeighbourOptions,
     o: PatchMatchOptions,
     check: Callable[[], None],
@@ -96,20 +94,18 @@ def improve_depths(
 
     Args:
         depths: those maps; photos without neighbours or sparse points keep theirs.
-        scene: cameras and sparse points.
-        kept: [P], sparse points that tell which photos are neighbours and how far away things are.
+        points: the views of these maps, and the sparse points that choose neighbours and the range of depths.
         choice: of the neighbours.
         o: the search, and which depths count.
         check: called between photos; may raise to cancel.
     """
     if o.rounds == 0:
         return depths
-    views = list(depths.photos)
-    chosen = {i: near for i, near in matching_views(scene, kept, views, o.neighbours, choice).items() if near}
-    sets, planes = point_sets(scene, kept), {}
+    chosen = {i: near for i, near in points.neighbours(o.neighbours, choice).items() if near}
+    planes = {}
     for i in chosen:
         check()
-        begun = _begin(depths.photos[i], depths.maps.get(i), scene.points[sets[i]], o, seed=i)
+        begun = _begin(depths.photos[i], depths.maps.get(i), points.scene.points[points.observed[i]], o, seed=i)
         if begun is not None:
             planes[i] = begun
             _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(o.rounds), o)

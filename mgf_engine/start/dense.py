@@ -47,20 +47,20 @@ def dense_points(
         threads: number of worker threads.
         check: called between photos; may raise to cancel.
     """
-    scene, kept = with_hull_points(views.scene, masks, views.indices, o.hull)
+    points = with_hull_points(views.scene, masks, views.indices, o.hull)
     matching = Matching(o.neighbours, o.longest_side, o.stereo)
 
     def inside(index: int) -> NDArray[np.bool_]:
         return building(masks.labels[index])
 
-    depths = match_photos(scene, views.indices, kept, inside, matching, threads, check)
+    depths = match_photos(points, inside, matching, threads, check)
     aliased = confirmed_texture(depths, o.coarse) < o.coarse.least_confirmed
-    depths = improve_depths(depths, scene, kept, o.stereo.neighbours, o.patch_match, check)
+    depths = improve_depths(depths, points, o.stereo.neighbours, o.patch_match, check)
     found = _fuse(views, depths, o, views.pixel, smoothing, threads)
     if not aliased:
         return found
     log.info("start: fine texture aliases, reduced photos are matched")
-    depths = match_reduced(scene, views.indices, kept, inside, matching, o.coarse, threads, check)
+    depths = match_reduced(points, inside, matching, o.coarse, threads, check)
     a, factor = o.aliased, o.coarse.factor
     coarse = replace(o, texture=a.texture, confirmed_by=a.confirmed_by, least_share=a.least_share, weight=a.weight)
     return replace(found.joined(_fuse(views, depths, coarse, factor * views.pixel, smoothing, threads)), aliased=True)

@@ -21,6 +21,7 @@ from mgf_engine.scene.coarse_stereo import (
     on_aliased_texture,
 )
 from mgf_engine.scene.depths import Depths, Matching, match_photos
+from mgf_engine.scene.neighbours import MatchingPoints
 from mgf_engine.scene.validation import keep_points
 
 OPTIONS = CoarseStereoOptions(factor=2.0)  # the photos are small
@@ -33,8 +34,8 @@ def go_on() -> None:
     pass
 
 
-def everywhere(count: int) -> np.ndarray:
-    return np.ones(count, bool)
+def all_points(scene: Scene) -> MatchingPoints:
+    return MatchingPoints(scene, np.ones(len(scene.points), bool), VIEWS)
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def moire(wall: Scene) -> Scene:
 
 
 def depths_of(scene: Scene) -> Depths:
-    return match_photos(scene, VIEWS, everywhere(len(scene.points)), None, MATCHING, 2, go_on)
+    return match_photos(all_points(scene), None, MATCHING, 2, go_on)
 
 
 def densify_on(scene: Scene, clicks: dict[int, np.ndarray]) -> Scene:
@@ -81,7 +82,7 @@ def test_photos_without_depths_are_not_called_aliased(wall: Scene) -> None:
 
 def test_reduced_photos_match_where_moire_hides_the_texture(moire: Scene) -> None:
     fine = depths_of(moire)
-    coarse = match_reduced(moire, VIEWS, everywhere(len(moire.points)), None, MATCHING, OPTIONS, 2, go_on)
+    coarse = match_reduced(all_points(moire), None, MATCHING, OPTIONS, 2, go_on)
     assert max(coarse.photos[0].grey.shape) == 96
     assert right(coarse) > 0.5 > 2 * right(fine)
 

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.synthetic.colmap_scene import load, reconstruction, write_scene
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene import neighbours
+from mgf_engine.scene.neighbours import MatchingPoints
 
 
 @pytest.fixture
@@ -32,7 +33,7 @@ def scene(tmp_path: Path) -> Scene:
 def test_overlap_is_that_of_the_points_both_photos_observed(scene: Scene) -> None:
     kept = np.random.default_rng(1).random(300) < 0.8
     views = [0, 1, 3, 4]
-    shared, angle = neighbours._overlap(scene, kept, views, 20)
+    shared, angle = neighbours._overlap(MatchingPoints(scene, kept, views), 20)
     for a, i in enumerate(views):
         for b, j in enumerate(views):
             both = set(scene.track_point[scene.observations(i)]) & set(scene.track_point[scene.observations(j)])
@@ -55,17 +56,29 @@ def test_medians_are_those_of_numpy() -> None:
 
 @pytest.mark.parametrize("views", [[], [2]])
 def test_a_photo_alone_has_no_neighbours(scene: Scene, views: list[int]) -> None:
-    assert neighbours.matching_views(scene, np.ones(300, bool), views, 3) == {i: [] for i in views}
-    assert neighbours.matching_views(scene, np.zeros(300, bool), views, 3) == {i: [] for i in views}
+    assert MatchingPoints(scene, np.ones(300, bool), views).neighbours(3) == {i: [] for i in views}
+    assert MatchingPoints(scene, np.zeros(300, bool), views).neighbours(3) == {i: [] for i in views}
 
 
 def test_too_few_shared_points_make_no_pair(scene: Scene) -> None:
     options = neighbours.NeighbourOptions(angles=(0.0, 10.0, 180.0), least_score=0.0)
     views, everything = list(range(len(scene.views))), np.ones(300, bool)
-    found = neighbours.matching_views(scene, everything, views, 2, options)
+    found = MatchingPoints(scene, everything, views).neighbours(2, options)
     assert all(len(found[i]) == 2 and i not in found[i] for i in views)
     few = np.arange(300) < 30  # any two photos share about a quarter of them
-    assert not any(neighbours.matching_views(scene, few, views, 2, options).values())
+    assert not any(MatchingPoints(scene, few, views).neighbours(2, options).values())
+
+
+def test_the_overlap_of_views_is_computed_once_for_each_number_of_shared_points(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, overlap = list[int](), neighbours._overlap
+    monkeypatch.setattr(neighbours, "_overlap", lambda points, least: asked.append(least) or overlap(points, least))
+    points = MatchingPoints(scene, np.ones(300, bool), range(len(scene.views)))
+    one, two = points.neighbours(1), points.neighbours(2)
+    assert asked == [20] and all(two[i][: len(one[i])] == one[i] for i in one)
+    assert not any(points.neighbours(2, neighbours.NeighbourOptions(least_shared=301)).values())
+    assert asked == [20, 301]
 
 
 def test_neighbours_that_fit_far_worse_than_the_best_are_left_out() -> None:

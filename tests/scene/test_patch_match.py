@@ -16,7 +16,7 @@ from mgf_engine.native import library
 from mgf_engine.scene import patch_match
 from mgf_engine.scene.depths import Depths
 from mgf_engine.scene.kernel_photos import pixel_transfer
-from mgf_engine.scene.neighbours import NeighbourOptions
+from mgf_engine.scene.neighbours import MatchingPoints, NeighbourOptions
 from mgf_engine.scene.patch_match import PatchMatchOptions, PixelPlanes
 from mgf_engine.scene.reference_patch_match import Neighbour, move_planes
 from mgf_engine.scene.stereo import Photo
@@ -166,6 +166,10 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     )  # fmt: skip
 
 
+def all_points(scene: Scene) -> MatchingPoints:
+    return MatchingPoints(scene, np.ones(len(scene.points), bool), range(len(scene.views)))
+
+
 def poor_depths() -> Depths:
     generator = np.random.default_rng(2)
     maps = {}
@@ -178,7 +182,7 @@ def poor_depths() -> Depths:
 def test_poor_depth_maps_become_better(known: Scene) -> None:
     before = poor_depths()
     choice = NeighbourOptions(angles=(1.0, 10.0, 40.0))
-    after = patch_match.improve_depths(before, known, np.ones(300, bool), choice, OPTIONS, lambda: None)
+    after = patch_match.improve_depths(before, all_points(known), choice, OPTIONS, lambda: None)
     for i, truth in enumerate(TRUTH):
         inner = np.zeros(truth.shape, bool)
         inner[10:-10, 10:-10] = True
@@ -191,10 +195,7 @@ def test_poor_depth_maps_become_better(known: Scene) -> None:
 def test_no_rounds_leave_the_depth_maps_alone(known: Scene) -> None:
     before = poor_depths()
     options = replace(OPTIONS, rounds=0)
-    assert (
-        patch_match.improve_depths(before, known, np.ones(300, bool), NeighbourOptions(), options, lambda: None)
-        is before
-    )
+    assert patch_match.improve_depths(before, all_points(known), NeighbourOptions(), options, lambda: None) is before
 
 
 def test_it_can_be_cancelled(known: Scene) -> None:
@@ -203,5 +204,5 @@ def test_it_can_be_cancelled(known: Scene) -> None:
 
     with pytest.raises(Cancelled):
         patch_match.improve_depths(
-            poor_depths(), known, np.ones(300, bool), NeighbourOptions(angles=(1.0, 10.0, 40.0)), OPTIONS, stop
+            poor_depths(), all_points(known), NeighbourOptions(angles=(1.0, 10.0, 40.0)), OPTIONS, stop
         )

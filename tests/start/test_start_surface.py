@@ -113,7 +113,8 @@ def test_the_hull_stands_in_for_sparse_points(plain_house: PlainHouse) -> None:
     cells, size = hull_cells(plain_house.scene, plain_house.masks, range(16))
     assert (cells.min(0) > np.array([-2, -1.5, 0]) - 3 * size).all()
     assert (cells.max(0) < np.array([2, 1.5, 3.2]) + 4 * size).all()
-    scene, kept = with_hull_points(plain_house.scene, plain_house.masks, list(range(16)))
+    found = with_hull_points(plain_house.scene, plain_house.masks, list(range(16)))
+    scene, kept = found.scene, found.kept
     assert kept.all() and len(kept) == len(scene.points) > 100
     for i in (0, 5):
         rows = scene.observations(i)

@@ -20,6 +20,7 @@ from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.coarse_stereo import CoarseStereoOptions, match_reduced, on_aliased_texture
 from mgf_engine.scene.depths import Depths, Matching, match_photos
+from mgf_engine.scene.neighbours import MatchingPoints
 from mgf_engine.scene.stereo import StereoOptions
 
 Flags = NDArray[np.bool_]
@@ -73,20 +74,23 @@ def densify_points(
     Returns:
         A scene whose first points are those of ``scene``; their observations come first, too.
     """
-    views = range(len(scene.views))
     matching = Matching(options.neighbours, options.longest_side, options.stereo)
-    depths = match_photos(scene, views, np.ones(len(scene.points), bool), None, matching, threads, check)
+    depths = match_photos(_all_points(scene), None, matching, threads, check)
     full = _with_points(scene, depths, leafy, check, options)
     if _aliased_clicks(scene, depths, clicks, options.coarse) < options.coarse.least_clicks:
         return full
-    known = np.ones(len(full.points), bool)
-    depths = match_reduced(full, views, known, None, matching, options.coarse, threads, check)
+    depths = match_reduced(_all_points(full), None, matching, options.coarse, threads, check)
     if _aliased_clicks(scene, depths, clicks, options.coarse) > options.coarse.most_clicks:
         return full
     options = replace(
         options, window=options.reduced_window, matched=options.reduced_matched, step=options.reduced_step
     )
     return _with_points(full, depths, leafy, check, options)
+
+
+def _all_points(scene: Scene) -> MatchingPoints:
+    """Return all views and all sparse points of a scene."""
+    return MatchingPoints(scene, np.ones(len(scene.points), bool), range(len(scene.views)))
 
 
 def _aliased_clicks(

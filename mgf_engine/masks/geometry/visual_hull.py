@@ -19,7 +19,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.geometry.boxes import pad_box, percentile_box
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
-from mgf_engine.scene.neighbours import matching_views
+from mgf_engine.scene.neighbours import MatchingPoints
 
 _FEWEST = 8  # sparse points that bound the box in which the hull is looked for
 
@@ -77,8 +77,8 @@ def hull_cells(
 
 def with_hull_points(
     scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
-) -> tuple[Scene, NDArray[np.bool_]]:
-    """Return a scene with enough points on the building: surface cells of the hull if there are few sparse points.
+) -> MatchingPoints:
+    """Return enough points on the building to match photos by: surface cells of the hull if sparse points are few.
 
     Args:
         scene: cameras and sparse points.
@@ -87,15 +87,16 @@ def with_hull_points(
         options: of the hull.
 
     Returns:
-        The scene, with the hull's points if it had few, and which of its points lie on the building, bool [P].
+        The sparse points on the building; or the scene with the hull's cells in their place.
 
     Raises:
         BadInput: there are few points, and the hull is empty.
     """
+    sparse = MatchingPoints(scene, masks.point_mask, views)
     if np.count_nonzero(masks.point_mask) >= options.least_points:
-        matched = matching_views(scene, masks.point_mask, views, 1).values()
-        if sum(len(near) > 0 for near in matched) >= options.least_matched * len(views):
-            return scene, masks.point_mask
+        matched = sum(len(near) > 0 for near in sparse.neighbours(1).values())
+        if matched >= options.least_matched * len(views):
+            return sparse
     cells, size = hull_cells(scene, masks, views, options)
     cells = cells[_surface(cells, size)]
     tracks = [_inside(cells, scene, masks, i) for i in views]
@@ -111,7 +112,7 @@ def with_hull_points(
         scene, points=cells, colors=np.zeros((len(cells), 3), np.uint8), errors=zeros.astype(np.float32),
         track_start=start, track_view=seen, track_uv=uv,
     )  # fmt: skip
-    return hull, np.ones(len(cells), bool)
+    return MatchingPoints(hull, np.ones(len(cells), bool), views)
 
 
 def hull_agreement(
@@ -151,10 +152,10 @@ def hull_agreement(
 
 def points_to_match(
     scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
-) -> tuple[Scene, NDArray[np.bool_]]:
-    """Call :func:`with_hull_points`, but return the scene unchanged if the hull is empty.
+) -> MatchingPoints:
+    """Call :func:`with_hull_points`, but return the sparse points, however few, if the hull is empty.
 
-    For stereo matching, which then leaves photos without shared points unmatched.
+    Stereo matching then leaves photos without shared points unmatched.
 
     Args:
         scene: normalised frame.
@@ -165,7 +166,7 @@ def points_to_match(
     try:
         return with_hull_points(scene, masks, views, options)
     except BadInput:
-        return scene, masks.point_mask
+        return MatchingPoints(scene, masks.point_mask, views)
 
 
 def _seen_box(

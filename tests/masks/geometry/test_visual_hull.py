@@ -65,7 +65,7 @@ def with_points(plain: PlainHouse, together: int) -> tuple[Scene, MaskSet]:
 
 def test_the_hull_stands_in_for_many_points_that_hardly_two_photos_share(plain: PlainHouse) -> None:
     scene, masks = with_points(plain, together=2)  # ten for each pair of neighbours
-    hull, kept = with_hull_points(scene, masks, range(16))
-    assert len(hull.points) == len(kept) != 160 and kept.all()
+    hull = with_hull_points(scene, masks, range(16))
+    assert len(hull.scene.points) == len(hull.kept) != 160 and hull.kept.all()
     scene, masks = with_points(plain, together=6)  # fifty
-    assert with_hull_points(scene, masks, range(16))[0] is scene
+    assert with_hull_points(scene, masks, range(16)).scene is scene
