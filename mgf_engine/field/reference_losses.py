@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain torch twin of the training losses (eq. 16-20): same arguments, any float type, autograd; for tests."""
+"""Reference of the training losses (eq. 16-20) in plain torch: same arguments, any float type, autograd; for tests."""
 
 from __future__ import annotations
 

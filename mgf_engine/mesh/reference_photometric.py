@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain float64 twin of ``csrc/stereo/match.c``: correlation of patches between two photos for several depths."""
+"""Reference in float64 of ``csrc/stereo/match.c``: correlation of patches between two photos for several depths."""
 
 from __future__ import annotations
 

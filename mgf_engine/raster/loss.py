@@ -2,7 +2,7 @@
 """The terms of the training loss (eq. 16-20) and their gradients in one go, by the kernels ``loss*.c``.
 
 Value and gradients are made together in the forward pass; the backward pass only hands them over. Sums are added per
-tile and then over tiles in a fixed order, so nothing depends on the number of threads. The twin in plain torch is
+tile and then over tiles in a fixed order, so nothing depends on the number of threads. The reference in plain torch is
 :func:`mgf_engine.field.reference_losses.total_loss`.
 """
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Opacity of points in space as a camera sees them (eq. 23-24), by the kernels in ``csrc/raster/points.c``.
 
-The twin in float64 is :func:`mgf_engine.raster.reference_points.opacity_of_points`.
+The reference in float64 is :func:`mgf_engine.raster.reference_points.opacity_of_points`.
 """
 
 from __future__ import annotations

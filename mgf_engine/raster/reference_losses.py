@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Parts of the training loss in plain torch, any float type, autograd gradients; for tests.
 
-The twin of the loss kernels is put together from them (:mod:`mgf_engine.field.reference_losses`).
+The reference of the loss kernels is put together from them (:mod:`mgf_engine.field.reference_losses`).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain torch twin of the opacity of points (``csrc/raster/points.c``), written from eq. 23-24; for tests."""
+"""Reference in plain torch of the opacity of points (``csrc/raster/points.c``), written from eq. 23-24; for tests."""
 
 from __future__ import annotations
 

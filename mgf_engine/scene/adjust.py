@@ -23,7 +23,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter, log
 from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
-from mgf_engine.scene.colmap_bundle import by_image, centres, colmap_camera, moved, owners, projection_errors
+from mgf_engine.scene.colmap_bundle import centres, colmap_camera, moved, owners, projection_errors, sort_by_image
 from mgf_engine.scene.sparse import SparseModel, check_model
 from mgf_engine.subprocesses import run_worker
 
@@ -72,7 +72,7 @@ def adjust_if_inconsistent(
     """
     if not options.adjust or not _valid(model):
         return model  # a model that is not valid is refused where the photos are planned
-    with np.errstate(all="ignore"):  # numbers beyond reason are sorted out here
+    with np.errstate(all="ignore"):  # a damaged model may overflow; what results is refused
         before, after, adjusted = _adjusted(model, resolution, reporter, options)
     if adjusted is model:
         return model
@@ -145,7 +145,7 @@ def choose_observations(
     rank = np.empty(len(seen), np.int64)
     rank[np.argsort(-seen, kind="stable")] = np.arange(len(seen))
     taken = rank < options.most_points
-    order, bounds = by_image(model)
+    order, bounds = sort_by_image(model)
     for first, last in pairwise(bounds):
         mine = order[first:last]
         own = owner[mine[sound[mine]]]

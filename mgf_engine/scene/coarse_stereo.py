@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Match reduced photos where fine textures alias (moiré).
 
-Where a texture is finer than pixels, each photo samples another pattern of it: there is much contrast, and no two
-photos agree. What the pattern hides is there in reduced photos: edges, shadows and colours of whole surfaces. Patches
-of many photos are compared, since what is left of the pattern differs in each.
+Where a texture is finer than the pixels, each photo samples another pattern of it: contrast is high, and no two photos
+agree. Reduced photos show what the pattern hides: edges, shadows and colours of whole surfaces. Patches of many photos
+are compared, since the remains of the pattern differ from photo to photo.
 """
 
 from __future__ import annotations

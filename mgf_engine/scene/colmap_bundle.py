@@ -23,7 +23,7 @@ def projection_errors(model: SparseModel, resolution: int) -> Array:
     """Compute the reprojection error of each observation, working pixels, [T]; inf behind a camera."""
     points, owner = model.points, owners(model)
     distances = np.full(len(owner), np.inf)
-    order, bounds = by_image(model)
+    order, bounds = sort_by_image(model)
     for index, image in enumerate(model.images):
         mine = order[bounds[index] : bounds[index + 1]]
         camera = model.cameras[image.camera_id]
@@ -43,6 +43,7 @@ class Bundle:
         self.reconstruction = pycolmap.Reconstruction()
         for number, (camera, scale) in enumerate(zip(model.cameras.values(), self.scales, strict=True), start=1):
             self.reconstruction.add_camera_with_trivial_rig(colmap_camera(camera, scale, number))
+        #: Numbers of the model's points that the observations are of.
         self.used = np.unique(owners(model)[observations])
         place = self._add_images(observations)
         self._add_points(observations, place)
@@ -52,7 +53,7 @@ class Bundle:
         numbers = {camera_id: number for number, camera_id in enumerate(self.model.cameras, start=1)}
         taken = np.zeros(len(self.model.points.image_ids), bool)
         taken[observations] = True
-        order, bounds = by_image(self.model)
+        order, bounds = sort_by_image(self.model)
         place = np.zeros(len(taken), np.int64)
         for index, image in enumerate(self.model.images):
             mine = order[bounds[index] : bounds[index + 1]]
@@ -67,6 +68,7 @@ class Bundle:
         return place
 
     def _add_points(self, observations: Indices, place: Indices) -> None:
+        """Add the points used with their tracks; ``place``: position of each observation in its photo's list, [T]."""
         points = self.model.points
         slots = {image.id: number for number, image in enumerate(self.model.images, start=1)}
         owner = owners(self.model)[observations]
@@ -138,8 +140,12 @@ def owners(model: SparseModel) -> Indices:
     return np.repeat(np.arange(len(model.points.ids)), np.diff(model.points.start))
 
 
-def by_image(model: SparseModel) -> tuple[Indices, Indices]:
-    """Return the observations [T] image by image; image i has those from the i-th of the bounds [V + 1] to the next."""
+def sort_by_image(model: SparseModel) -> tuple[Indices, Indices]:
+    """Sort the observations by image.
+
+    Returns:
+        Numbers of the observations [T], and bounds [V + 1]: image i has ``order[bounds[i]:bounds[i + 1]]``.
+    """
     slot = {image.id: i for i, image in enumerate(model.images)}
     view = np.array([slot[i] for i in model.points.image_ids.tolist()], np.int64)
     order = np.argsort(view, kind="stable")

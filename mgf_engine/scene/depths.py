@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compute depth maps of photos: flat walls and roofs match even where structure from motion found no point.
 
-Each photo is matched with a few neighbours (``stereo.py``). The depth on which its pairs agree is its own, and a pixel
-whose depth another photo's depth map confirms is a point of the scene.
+Each photo is matched with a few neighbours (``stereo.py``), and the depths on which its pairs agree are averaged. A
+pixel whose depth another photo's depth map confirms is a point of the scene.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 """Equalize exposure and white balance of the photos of a scene.
 
 A camera on automatic changes both between photos; the field would paint the change onto the building or in front of
-it. The same point seen by several photos tells their gains: log c = g(photo) + p(point) per channel, solved over all
-observations by least squares with Cauchy's weights, the points eliminated. Stored values go with a power of the light,
-so a change of exposure is a gain there too.
+it. The gains follow from points that several photos observed: log c = g(photo) + p(point) per channel, solved over all
+observations by least squares with Cauchy's weights, the points eliminated. Stored values are a power of the light
+(gamma), so a change of exposure is a gain of theirs, too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 
-EXACT, MOST_STEPS = 1e-9, 2000  # residual of the conjugate gradients, relative, and their steps
+_TOLERANCE, _MAX_STEPS = 1e-9, 2000  # relative residual of the conjugate gradients, and number of their steps
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def _conjugate_gradients(pairs: sparse.csr_matrix, share: Array, own: Array, rig
     shape = (len(own), len(own))
     matrix = LinearOperator(shape, matvec=times, dtype=np.float64)
     jacobi = LinearOperator(shape, matvec=lambda x: x / own, dtype=np.float64)
-    found, _ = cg(matrix, right, x0=start, rtol=EXACT, atol=0.0, maxiter=MOST_STEPS, M=jacobi)
+    found, _ = cg(matrix, right, x0=start, rtol=_TOLERANCE, atol=0.0, maxiter=_MAX_STEPS, M=jacobi)
     return np.asarray(found)
 
 
@@ -144,12 +144,12 @@ def observed_colors(scene: Scene, folder: Path, threads: int = 1) -> Array:
     """
     colors = np.zeros((len(scene.track_view), 3))
 
-    def look(index: int) -> None:
+    def read_colors(index: int) -> None:
         mine = scene.observations(index)
-        calm = cv2.blur(PHOTOS.get(folder / Path(scene.views[index].file).name, read_rgb), (3, 3))
+        blurred = cv2.blur(PHOTOS.get(folder / Path(scene.views[index].file).name, read_rgb), (3, 3))
         x, y = np.floor(scene.track_uv[mine]).astype(int).T
-        colors[mine] = calm[np.clip(y, 0, calm.shape[0] - 1), np.clip(x, 0, calm.shape[1] - 1)]
+        colors[mine] = blurred[np.clip(y, 0, blurred.shape[0] - 1), np.clip(x, 0, blurred.shape[1] - 1)]
 
-    for _ in parallel_map(look, range(len(scene.views)), threads):
+    for _ in parallel_map(read_colors, range(len(scene.views)), threads):
         pass
     return colors

@@ -81,9 +81,9 @@ def find_up(
         threads: number of worker threads.
         options: accuracies and limits.
     """
-    told = [view.rotation.T @ np.array(up) for view, up in zip(scene.views, tags, strict=False) if up is not None]
-    if len(told) >= max(3, len(scene.views) // 4):
-        rough = UpDirection(unit_vectors(np.median(told, axis=0)), np.radians(options.tag_sd), "tags")
+    tagged = [view.rotation.T @ np.array(up) for view, up in zip(scene.views, tags, strict=False) if up is not None]
+    if len(tagged) >= max(3, len(scene.views) // 4):
+        rough = UpDirection(unit_vectors(np.median(tagged, axis=0)), np.radians(options.tag_sd), "tags")
     else:
         rough = UpDirection(up_from_cameras(scene, options), np.radians(options.level_sd), "cameras")
     return up_from_edges(scene, rough.vector, threads, options) or rough

@@ -2,10 +2,10 @@
 """Improve depth maps by PatchMatch stereo (Bleyer et al. 2011) against several neighbours at once.
 
 Semi-global matching compares pairs of photos on surfaces that face the camera. Here each pixel holds a plane, tries
-those of pixels around it, and keeps the one with which most photos look alike; what a first pass found in all photos, a
-second one holds against each (geometric consistency, Schönberger et al. 2016). A depth counts where both matchings find
-it: what only one of them sees is mostly a reflection, or ground at the masks' rims. Off by default: it gains on shiny
-sheet and loses completeness elsewhere (docs/decisions/035).
+those of pixels around it, and keeps the one with the highest correlation in its neighbours; a second pass adds the
+distance from the depths that the first one found in these (geometric consistency, Schönberger et al. 2016). A depth
+counts if both matchings find it: depths that only one finds are mostly reflections, or ground at the masks' borders.
+Off by default: it gains on shiny sheet and loses completeness elsewhere (docs/decisions/035).
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class PatchMatchOptions:
     rounds: int = parameter(
         0, "Number of rounds, each with half the random changes; 0 for semi-global matching alone, 2 for shiny sheet"
     )
-    consistent_rounds: int = parameter(2, "Number of further rounds that hold photos against each other")
-    best: int = parameter(2, "Number of neighbours, the most alike ones, that judge a plane", low=1, high=4)
+    consistent_rounds: int = parameter(2, "Number of further rounds that compare depths with those of the neighbours")
+    best: int = parameter(2, "Number of neighbours, the best correlated ones, that rate a plane", low=1, high=4)
     texture: float = parameter(1.5, "Minimum standard deviation of a patch's brightness", "grey levels")
     contrast: float = parameter(
         20.0, "Difference of brightness at which a pixel of a patch weighs 1/e", "grey levels", low=1e-3
@@ -53,11 +53,16 @@ class PatchMatchOptions:
     consistency_max_cost: float = parameter(
         3.0, "Distance from a neighbour's depth from which it costs no more (forward-backward reprojection error)", "px"
     )
-    consistency_min_ncc: float = parameter(0.4, "Minimum correlation of depths that photos are held against", high=1)
+    consistency_min_ncc: float = parameter(0.4, "Minimum correlation of depths that others are compared with", high=1)
     agreed_score: float = parameter(
-        0.3, "Minimum correlation, less that cost, of a depth that semi-global matching found, too", high=1
+        0.3,
+        "Minimum correlation, less that cost, of a depth that semi-global matching found, too",
+        high=1,
     )
-    sure_score: float = parameter(1.0, "The same of a depth that counts without it; 1 for none", high=1)
+    sure_score: float = parameter(
+        1.0, "Minimum correlation, less that cost, of a depth that semi-global matching did not find; 1 for none",
+        high=1,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -110,12 +115,12 @@ def improve_depths(
             planes[i] = begun
             _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(o.rounds), o)
     for k in range(o.consistent_rounds):
-        held = {i: p.depth(depths.photos[i].grey.shape, o.consistency_min_ncc) for i, p in planes.items()}
+        maps = {i: p.depth(depths.photos[i].grey.shape, o.consistency_min_ncc) for i, p in planes.items()}
         for i in planes:
             check()
-            near = [j for j in chosen[i] if j in held]
+            near = [j for j in chosen[i] if j in maps]
             rounds = range(o.rounds // 2 + k, o.rounds // 2 + k + 1)
-            _search(depths.photos[i], [depths.photos[j] for j in near], [held[j] for j in near], planes[i], rounds, o)
+            _search(depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], rounds, o)
     found = {
         i: _choose(p, depths.maps.get(i), depths.photos[i].grey.shape, depths.tolerance, o) for i, p in planes.items()
     }
@@ -146,7 +151,7 @@ def _begin(
 
 
 def _search(
-    photo: Photo, others: Sequence[Photo], held: Sequence[Array] | None, planes: PixelPlanes, rounds: range,
+    photo: Photo, others: Sequence[Photo], depths: Sequence[Array] | None, planes: PixelPlanes, rounds: range,
     o: PatchMatchOptions,
 ) -> None:  # fmt: skip
     """Move the planes of a photo, one colour of the checkerboard after the other.
@@ -154,7 +159,7 @@ def _search(
     Args:
         photo: the photo.
         others: its neighbours.
-        held: their depth maps, which the planes are held against; None for none.
+        depths: their depth maps, whose distance from a plane costs correlation; None for no such cost.
         planes: changed in place.
         rounds: numbers of the rounds.
         o: the search.
@@ -166,12 +171,12 @@ def _search(
     fields[:, planes.pixels] = planes.values
     colour = (planes.pixels % width + planes.pixels // width) % 2
     halves = [np.ascontiguousarray(planes.pixels[colour == c]) for c in (0, 1)]
-    view, maps = photo.scaled_view, held if held is not None else [None] * len(others)
+    view, maps = photo.scaled_view, depths if depths is not None else [None] * len(others)
     first = photo_struct(view, [(photo.quads, None, view)])
     other = photo_struct(view, [(p.quads, depth, p.scaled_view) for p, depth in zip(others, maps, strict=True)])
     for number in rounds:
         for c, half in enumerate(halves):
-            search = search_struct(photo, planes.bounds, len(others), number, c, held is not None, o)
+            search = search_struct(photo, planes.bounds, len(others), number, c, depths is not None, o)
             parallel("mgf_patch_match", len(half), half, first, other, len(others), search, *fields)
     planes.values[:] = fields[:, planes.pixels]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plain float64 twin of ``csrc/stereo/patch_match.c``: what the pixels of one colour make of the planes around them."""
+"""Reference in float64 of ``csrc/stereo/patch_match.c``: pixels of one colour try the planes of pixels around them."""
 
 from __future__ import annotations
 
@@ -84,20 +84,33 @@ class _Tries:
         search = self.search
         if self.patch is None or not search["low"] <= plane[0] <= search["high"]:
             return -1.0
-        alike = (_likeness(self.patch, plane, self.x, self.y, other, search) for other in self.others)
-        found = sorted(alike, reverse=True) + [-1.0] * int(search["best"])
+        correlations = (_correlation(self.patch, plane, self.x, self.y, other, search) for other in self.others)
+        found = sorted(correlations, reverse=True) + [-1.0] * int(search["best"])
         return float(np.mean(found[: int(search["best"])]))
 
 
 def _patch(grey: Array, x: int, y: int, search: np.void) -> tuple[Array, Array] | None:
-    """Weights [25] and brightness less its mean [25]; None without texture."""
+    """Return the weights of a patch's pixels and their brightness less its mean, [25] each; None if it is plain."""
     value = grey[y + _SAMPLES[:, 1], x + _SAMPLES[:, 0]].astype(np.float64)
     weight = np.exp(-(((value - grey[y, x]) / search["contrast"]) ** 2))
     value = value - (weight * value).sum() / weight.sum()
     return (weight, value) if (weight * value**2).sum() > search["texture"] ** 2 * weight.sum() else None
 
 
-def _likeness(patch: tuple[Array, Array], plane: Array, x: int, y: int, other: Neighbour, search: np.void) -> float:
+def _correlation(patch: tuple[Array, Array], plane: Array, x: int, y: int, other: Neighbour, search: np.void) -> float:
+    """Compute the weighted correlation of a patch with what a neighbour shows of its plane, less the cost of depths.
+
+    Args:
+        patch: as :func:`_patch` returns it.
+        plane: inverse depth at the pixel, and its slopes.
+        x: column of the pixel.
+        y: row of the pixel.
+        other: the neighbour.
+        search: as the kernel takes it.
+
+    Returns:
+        -1 to 1 less the cost; -1 outside of the neighbour's photo.
+    """
     weight, value = patch
     m, b = other.between[:9].reshape(3, 3), other.between[9:]
     carried = m + np.outer(b, (plane[1], plane[2], plane[0] - plane[1] * (x + 0.5) - plane[2] * (y + 0.5)))
@@ -130,7 +143,7 @@ def _likeness(patch: tuple[Array, Array], plane: Array, x: int, y: int, other: N
 def _inconsistency(
     other: Neighbour, at: Array, expected: float, x: int, y: int, inverse: float, search: np.void
 ) -> float:
-    """Return distance in pixels between a plane and the neighbour's own depth."""
+    """Return the distance in pixels between a plane and the neighbour's own depth, at most ``most_off``."""
     if search["consistency"] <= 0:
         return 0.0
     known = other.depth[int(at[1]), int(at[0])]
@@ -140,20 +153,22 @@ def _inconsistency(
 
 
 def _parallax(between: Array, x: int, y: int, inverse: float) -> float:
-    """Return pixels that a pixel moves for a relative change of its inverse depth."""
+    """Return the parallax of a pixel in px per relative change of its inverse depth."""
     here, b = between[:9].reshape(3, 3) @ [x + 0.5, y + 0.5, 1], between[9:]
     w = here[2] + b[2] * inverse
     return float(np.hypot(b[0] * here[2] - b[2] * here[0], b[1] * here[2] - b[2] * here[1]) * inverse / w**2)
 
 
 def _perturb(plane: Array, step: float, pixel: int, number: int, search: np.void) -> Array:
-    r = [_at_random(pixel, int(search["seed"]), 4 * number + k) for k in range(3)]
+    """Change a plane at random: both depth and slope, or one of them, by the number of the try."""
+    r = [_hash_uniform(pixel, int(search["seed"]), 4 * number + k) for k in range(3)]
     w = plane[0] * (1 + (search["shift"] * step * r[0] if number != 1 else 0.0))
     tilt = (search["tilt"] if number else 0.0) * w * search["inverse_focal"].astype(np.float64)
     return np.array([w, plane[1] * w / plane[0] + tilt[0] * r[1], plane[2] * w / plane[0] + tilt[1] * r[2]])
 
 
-def _at_random(pixel: int, seed: int, draw: int) -> float:
+def _hash_uniform(pixel: int, seed: int, draw: int) -> float:
+    """Return a random number, -1 to 1, as a hash of its arguments."""
     mask = 0xFFFFFFFF
     h = (pixel * 16 + draw + seed * 0x9E3779B9) & mask
     h ^= h >> 16

@@ -87,7 +87,7 @@ def reconstruct(
         "longest_side": options.longest_side, "features": options.features, "neighbours": options.neighbours,
         "similar": options.similar,
     }  # fmt: skip
-    _take_up(folder, task)
+    _prepare_folder(folder, task)
     if not (folder / MODEL / "points3D.bin").exists():
         code = _Worker(folder, len(names), reporter, share).run()
         if code == NO_MODEL:
@@ -130,6 +130,7 @@ class _Worker:
         return process.returncode
 
     def _follow(self, stream: IO[bytes]) -> None:
+        """Read the worker's lines: ``camera`` for each camera placed, else the name of a step."""
         for line in stream:
             word, *rest = line.decode("ascii", "replace").split()
             if word == "camera":
@@ -138,6 +139,7 @@ class _Worker:
                 self.step, self.pairs = word, max(1, int(rest[0])) if rest else self.pairs
 
     def _report(self) -> None:
+        """Report the share of the work that is done, by the rows of the database and the cameras placed so far."""
         done = {
             "features": lambda: _FEATURES_END * min(1.0, self._rows("keypoints") / self.photos),
             "pairs": lambda: (
@@ -161,8 +163,8 @@ class _Worker:
             return 0
 
 
-def _take_up(folder: Path, task: dict[str, Any]) -> None:
-    """Keep what an earlier run of the same task left; remove anything of another task."""
+def _prepare_folder(folder: Path, task: dict[str, Any]) -> None:
+    """Keep the database and model of an earlier run of the same task; else empty the folder."""
     try:
         if json.loads((folder / TASK).read_text(encoding="utf-8")) == json.loads(json.dumps(task)):
             return

@@ -93,7 +93,7 @@ def _without_foreign(
     foreign, others = find_outlier_views(brightness, scene, options)
     uncertain = others < options.usual_consistency or len(foreign) > options.most_outliers * len(scene.views)
     if (foreign and uncertain) or (
-        not foreign and median_consistency(brightness, scene, options) < options.usual_consistency
+        not foreign and consistency_quartile(brightness, scene, options) < options.usual_consistency
     ):
         reporter.warning(
             "The photos show the same points at very different brightness: moving shadows, clipped exposure or "
@@ -169,8 +169,8 @@ def find_outlier_views(
         found += low[np.argsort(alike[low], kind="stable")][: -(-len(low) // 3)].tolist()
 
 
-def median_consistency(brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()) -> float:
-    """Return the upper quartile of :func:`photo_consistency` over the photos; 1 where too few points tell."""
+def consistency_quartile(brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()) -> float:
+    """Return the upper quartile of :func:`photo_consistency` over the photos; 1 if it is known of fewer than three."""
     alike = photo_consistency(brightness, scene, np.ones(len(brightness), bool), options)
     known = alike[np.isfinite(alike)]
     return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0

@@ -79,8 +79,8 @@ def thinned(evidence: Evidence, low: Array, high: Array, pixel: float, options: 
     near = ((evidence.points > low - margin) & (evidence.points < high + margin)).all(1)
     if near.all():
         return evidence
-    far = merge_points(evidence.at(np.flatnonzero(~near)), options.coarse * pixel)
-    inside = evidence.at(np.flatnonzero(near))
+    far = merge_points(evidence.select(np.flatnonzero(~near)), options.coarse * pixel)
+    inside = evidence.select(np.flatnonzero(near))
     return Evidence(
         np.concatenate([inside.points, far.points]),
         [*inside.seen, *far.seen],

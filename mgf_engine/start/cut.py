@@ -24,16 +24,14 @@ from mgf_engine.native.library import parallel
 from mgf_engine.start.cut_graph import ONE, CutGraph
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions
-from mgf_engine.start.segments import pixel_rays
 from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
-from mgf_engine.start.views import StartViews
+from mgf_engine.start.views import StartViews, pixel_rays
 from mgf_engine.system import release_memory
 
 log = logging.getLogger("mgf")
-_SURE = 1e9  # capacity of hard constraints; no sum of other terms exceeds it
-_SAMPLES = np.array(
-    [[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)]
-)  # barycentric coordinates of the sample points tested against the masks
+_HARD_CAPACITY = 1e9  # capacity of hard constraints; no sum of other terms exceeds it
+#: Barycentric coordinates of the points of a tetrahedron that are tested against the masks.
+_SAMPLES = np.array([[0.25] * 4, *(np.eye(4) * 0.6 + 0.1)])
 
 Array = NDArray[np.float64]
 
@@ -61,16 +59,16 @@ def cut_surface(
     with background_delaunay(points) as made:
         shape = Tetrahedra(points, orient_positive(points, made(check)))
     outside = _outside_share(views, shape, o)
-    shut = (outside > o.outside_share) | (shape.corners >= len(evidence.points)).any(1)
+    fixed_outside = (outside > o.outside_share) | (shape.corners >= len(evidence.points)).any(1)
     free, solid, face = _cast_rays(views, shape, evidence, o)
     check()
-    sink = np.empty(len(shut))
+    sink = np.empty(len(fixed_outside))
     for chunk in shape.chunks():
         # Rays through a tetrahedron reduce the reward of its volume: a courtyard lies in the visual hull, but is free.
         free_space = np.maximum(face[chunk].sum(1) / ONE - o.free_space, 0)
         hull = o.volume * shape.volumes(chunk) / views.pixel**3 * (1 - outside[chunk])
         sink[chunk] = solid[chunk] / ONE + np.maximum(hull - free_space, 0)
-    source = np.where(shut, _SURE, free / ONE)
+    source = np.where(fixed_outside, _HARD_CAPACITY, free / ONE)
     del outside, free, solid
     graph = CutGraph(shape, face, evidence, views.pixel, o)
     del face
@@ -80,7 +78,7 @@ def cut_surface(
     check()
     margin = 0.1 * padding
     release_memory()  # the graph and the planes of the next walk are the largest there is
-    pulled = _pull_uncovered(views, shape, shut, first, (low - margin, high + margin), o)
+    pulled = _pull_uncovered(views, shape, fixed_outside, first, (low - margin, high + margin), o)
     graph.flow.add(np.zeros(len(pulled)), pulled / ONE)
     inside = graph.flow.cut()
     log.info("start: %d points, %d tetrahedra, %d inside", len(points), len(inside), inside.sum())
@@ -118,7 +116,7 @@ def _cast_rays(
     behind = (o.behind * weight * _well_inside(views, evidence.points[point], view, o.well_inside)).astype(np.float32)
     free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
     face = np.zeros((len(shape.corners), 4), np.int32)
-    with shape.walkable(from_points=True) as table:
+    with shape.kernel_table(from_points=True) as table:
         parallel(
             "mgf_tetra_rays", len(point), table, point, view, views.centres, weight, behind,
             float(o.soft * views.pixel), float(o.depth * views.pixel), free, solid, face,
@@ -139,14 +137,19 @@ def _well_inside(views: StartViews, points: Array, number: NDArray[np.int32], ma
 
 
 def _pull_uncovered(
-    views: StartViews, shape: Tetrahedra, shut: NDArray[np.bool_], mesh: Mesh, box: tuple[Array, Array], o: CutOptions
+    views: StartViews,
+    shape: Tetrahedra,
+    fixed_outside: NDArray[np.bool_],
+    mesh: Mesh,
+    box: tuple[Array, Array],
+    o: CutOptions,
 ) -> NDArray[np.int32]:
     """Compute inside weights of tetrahedra on rays of uncovered mask pixels (kernel ``mgf_tetra_pull``).
 
     Args:
         views: cameras and masks.
         shape: all tetrahedra.
-        shut: tetrahedra constrained to be outside, bool [T].
+        fixed_outside: tetrahedra constrained to be outside, bool [T].
         mesh: the surface.
         box: low and high corner [3] of the space that the rays are followed in.
         o: weights.
@@ -155,10 +158,10 @@ def _pull_uncovered(
         int32 [T], in units of 1 / ``ONE``.
     """
     origin, direction = _uncovered(views, mesh, box)
-    pulled = np.zeros(len(shut), np.int32)
-    with shape.walkable() as table:
+    pulled = np.zeros(len(fixed_outside), np.int32)
+    with shape.kernel_table() as table:
         parallel(
-            "mgf_tetra_pull", len(origin), table, origin, direction, shut.astype(np.uint8), float(o.cover),
+            "mgf_tetra_pull", len(origin), table, origin, direction, fixed_outside.astype(np.uint8), float(o.cover),
             float(o.short * views.pixel), pulled,
         )  # fmt: skip
     log.info("start: %d mask pixels uncovered at first", len(origin))

@@ -21,7 +21,7 @@ from mgf_engine.start.planes import LinePlanes, find_planes, snap_to_planes
 from mgf_engine.start.views import StartViews
 
 log = logging.getLogger("mgf")
-_VIEWS = 1 << 16  # more views than there are
+_MAX_VIEWS = 1 << 16  # views that pairs of a point and a view are numbered for
 
 Array = NDArray[np.float64]
 
@@ -44,14 +44,21 @@ class Evidence:
     on_planes: NDArray[np.bool_]
     strength: Array
 
-    def at(self, rows: NDArray[np.int64]) -> Evidence:
-        """Return the points of these numbers."""
+    def select(self, rows: NDArray[np.int64]) -> Evidence:
+        """Return the points with these numbers."""
         seen = [self.seen[row] for row in rows.tolist()]
         return Evidence(self.points[rows], seen, self.weight[rows], self.on_planes[rows], self.strength)
 
 
 class _Group(NamedTuple):
-    """Points [N, 3] of one kind, the views that saw each, the weight of their rays [N], and how far they snap."""
+    """Points of one kind.
+
+    Attributes:
+        points: [N, 3], normalised frame.
+        seen: positions of the views that saw each.
+        weight: of each point's rays, [N].
+        near: distance up to which they are moved onto planes, px.
+    """
 
     points: Array
     seen: Sequence[NDArray[np.int64]]
@@ -128,7 +135,7 @@ def _steiner_points(
 
 
 def _off_surface(dense: DensePoints, distance: float) -> Array:
-    """Place points ``distance`` behind those by stereo (as Carr et al. 2001 bound a surface) and as far apart."""
+    """Place points ``distance`` behind those by stereo (Carr et al. 2001), one per cube of that side."""
     if distance <= 0:
         return np.zeros((0, 3))
     points = dense.points - distance * dense.normals
@@ -167,7 +174,7 @@ def merge_points(evidence: Evidence, size: float) -> Evidence:
     largest = np.zeros(len(first))
     np.maximum.at(largest, group, evidence.weight)
     count = np.array([len(s) for s in seen])
-    pair = np.unique(np.repeat(group, count) * _VIEWS + np.concatenate([np.zeros(0, np.int64), *seen]))
-    owner, number = np.divmod(pair, _VIEWS)
+    pair = np.unique(np.repeat(group, count) * _MAX_VIEWS + np.concatenate([np.zeros(0, np.int64), *seen]))
+    owner, number = np.divmod(pair, _MAX_VIEWS)
     together = np.split(number, np.searchsorted(owner, np.arange(1, len(first))))
     return Evidence(points[first], together, largest, evidence.on_planes[first], evidence.strength)

@@ -16,7 +16,7 @@ from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.segments import Segments
 
 log = logging.getLogger("mgf")
-_LARGEST = 32_000  # segments that are fitted at a time: bounds the memory
+_BATCH = 32_000  # segments that are fitted at a time: bounds the memory
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Line:
     Attributes:
         ends: [2, 3], normalised frame.
         views: positions of the views that show it, [M].
-        shown: stretch that each of them shows, as distances from the first end, [M, 2].
+        shown: interval of the line that each of them shows, as distances from the first end, [M, 2].
     """
 
     ends: NDArray[np.float64]
@@ -40,7 +40,7 @@ class Line:
         return np.asarray(d / np.linalg.norm(d))
 
 
-def neighbours_of(segments: Segments) -> NDArray[np.int32]:
+def choose_neighbours(segments: Segments) -> NDArray[np.int32]:
     """Choose the photos each photo is compared with, nearest in angle first, -1 for none, [V, count]."""
     angles, (least, most) = segments.views.angles, segments.options.angles
     fits = np.where((angles > least) & (angles < most), angles, np.inf)
@@ -67,24 +67,24 @@ def match_segments(
 
 
 def fit_segments(
-    segments: Segments, own: NDArray[np.int32], lines: NDArray[np.float64]
+    segments: Segments, source: NDArray[np.int32], lines: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.float64]]:
     """Fit lines to all segments that support them (kernel ``mgf_fit_segments``).
 
     Args:
         segments: of all photos.
-        own: the segments that the lines come from, [N].
+        source: the segment that each line comes from, [N].
         lines: where the fit begins, [N, 2, 3].
 
     Returns:
         lines [N, 2, 3]; the segment of each photo that supports each, -1 for none, [N, V]; its residual in px [N, V];
-        and the stretch of the line that it shows, [N, V, 2].
+        and the interval of the line that it shows, [N, V, 2].
     """
-    count, views = len(own), len(segments.views.views)
+    count, views = len(source), len(segments.views.views)
     lines, rows = np.ascontiguousarray(lines).copy(), np.zeros((count, views), np.int32)
     residuals, ends = np.zeros((count, views), np.float32), np.zeros((count, views, 2))
     parallel(
-        "mgf_fit_segments", count, _by_reference(segments), own, float(segments.views.pixel), lines, rows, residuals,
+        "mgf_fit_segments", count, _by_reference(segments), source, float(segments.views.pixel), lines, rows, residuals,
         ends,
     )  # fmt: skip
     return lines, rows, residuals, ends
@@ -96,45 +96,45 @@ def _by_reference(segments: Segments) -> ctypes.c_void_p:
 
 
 def find_lines(segments: Segments) -> list[Line]:
-    """Find the lines of a building, strongest first; each explains enough segments that no earlier one does."""
+    """Find lines of a building greedily, strongest first: each explains enough segments that no earlier one does."""
     o, lengths = segments.options, segments.lengths
-    hypotheses, score = match_segments(segments, neighbours_of(segments))
-    own = np.flatnonzero(score > o.least_score).astype(np.int32)
-    own = np.ascontiguousarray(own[np.argsort(-score[own] * lengths[own], kind="stable")])
+    hypotheses, score = match_segments(segments, choose_neighbours(segments))
+    source = np.flatnonzero(score > o.least_score).astype(np.int32)
+    source = np.ascontiguousarray(source[np.argsort(-score[source] * lengths[source], kind="stable")])
     used = np.zeros(len(lengths), bool)
     result: list[Line] = []
-    for start in range(0, len(own), _LARGEST):
-        some = own[start : start + _LARGEST]
-        result += _unexplained(segments, some, fit_segments(segments, some, hypotheses[some]), used)
-    log.info("start: %d segments, %d with a line, %d lines", len(score), len(own), len(result))
+    for start in range(0, len(source), _BATCH):
+        batch = source[start : start + _BATCH]
+        result += _select_lines(segments, batch, fit_segments(segments, batch, hypotheses[batch]), used)
+    log.info("start: %d segments, %d with a line, %d lines", len(score), len(source), len(result))
     return result
 
 
-def _unexplained(
+def _select_lines(
     segments: Segments,
-    own: NDArray[np.int32],
+    source: NDArray[np.int32],
     fitted: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.float64]],
     used: NDArray[np.bool_],
 ) -> list[Line]:
-    """Keep the fitted lines that explain enough segments that no line before them does.
+    """Select the fitted lines that explain enough segments that no line before them explains.
 
     Args:
         segments: of all photos.
-        own: the segment that each line comes from, [N].
+        source: the segment that each line comes from, [N].
         fitted: as :func:`fit_segments` returns them.
         used: whether a line explains each segment, bool [S]; those that the kept lines explain are marked.
     """
     o, views = segments.options, segments.views
     lines, rows, residuals, ends = fitted
     good = (rows >= 0) & (residuals < o.residual)
-    candidates = (good.sum(1) >= o.least_views) & np.take_along_axis(good, segments.view[own][:, None], 1)[:, 0]
+    candidates = (good.sum(1) >= o.least_views) & np.take_along_axis(good, segments.view[source][:, None], 1)[:, 0]
     share = np.linspace(0, 1, 9)
     at = lines[:, None, 0] + share[None, :, None] * (lines[:, None, 1] - lines[:, None, 0])
-    outside = views.is_outside(at.reshape(-1, 3), o.outside).reshape(len(own), -1)
+    outside = views.is_outside(at.reshape(-1, 3), o.outside).reshape(len(source), -1)
     candidates &= (outside.mean(1) <= o.outside_share) & (np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9)
     result = []
     for n in np.flatnonzero(candidates):
-        if used[own[n]]:
+        if used[source[n]]:
             continue
         seen = np.flatnonzero(good[n])
         mine = rows[n, seen]

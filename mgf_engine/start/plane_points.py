@@ -19,9 +19,9 @@ def plane_points(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Place points every ``o.grid`` px on each plane, over the rectangle around its lines or their convex hull.
 
-    The rectangle counts where lines run along both of its sides and no stronger parallel plane is near.
-    A plane just beside a stronger parallel one (a pane, a frame) has points near its own lines only, since nothing else
-    tells which of the two a bare stretch lies on. Where stereo points lie beside the plane there are none.
+    The rectangle is filled if lines run along both of its sides and no stronger parallel plane is near, else the hull.
+    A plane just beside a stronger parallel one (a pane, a frame) gets points near its own lines only: a bare area
+    between them may lie on either plane. No points are placed where stereo points contradict the plane.
 
     Args:
         planes: to place points on.
@@ -40,12 +40,12 @@ def plane_points(
         axes = _axes(plane[:3], ends)
         ends = ends @ axes.T
         uv = np.concatenate([np.linspace(p, q, 2 + int(np.linalg.norm(q - p) / (4 * pixel))) for p, q in ends])
-        flat = _grid(uv, o.grid * pixel, o.reach * pixel)
+        grid = _grid(uv, o.grid * pixel, o.reach * pixel)
         if not _spans_rectangle(ends, o) or _beside_stronger(planes, k, o.rectangle_layer * pixel, o):
-            flat = flat[_in_hull(flat, uv, o.reach * pixel)]
-        if len(flat) and _beside_stronger(planes, k, o.layer * pixel, o):
-            flat = flat[cKDTree(uv).query(flat)[0] < o.reach * pixel]
-        points = flat @ axes - plane[3] * plane[:3]
+            grid = grid[_in_hull(grid, uv, o.reach * pixel)]
+        if len(grid) and _beside_stronger(planes, k, o.layer * pixel, o):
+            grid = grid[cKDTree(uv).query(grid)[0] < o.reach * pixel]
+        points = grid @ axes - plane[3] * plane[:3]
         if tree is not None and len(points):
             points = points[~_contradicted(points, plane, tree, pixel, o)]
         found.append(points)
@@ -64,9 +64,16 @@ def _beside_stronger(planes: LinePlanes, number: int, distance: float, o: PlaneO
 def _contradicted(
     points: NDArray[np.float64], plane: NDArray[np.float64], tree: cKDTree, pixel: float, o: PlaneOptions
 ) -> NDArray[np.bool_]:
-    """Tell around which points [N, 3] of a plane the tree's stereo points lie beside it, bool [N].
+    """Tell which points [N, 3] of a plane the stereo points around them contradict, bool [N].
 
-    A plane through lines on a vault is a chord of it.
+    This finds planes through lines on a vault, which are chords of it.
+
+    Args:
+        points: on the plane, normalised frame.
+        plane: unit normal and offset, [4].
+        tree: of the stereo points.
+        pixel: size of a pixel at the building.
+        o: radius, number and median distance of the stereo points that contradict.
     """
     result = np.zeros(len(points), bool)
     for n, near in enumerate(tree.query_ball_point(points, o.contradiction_radius * pixel)):
@@ -99,9 +106,9 @@ def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.floa
 
 
 def _spans_rectangle(ends: NDArray[np.float64], o: PlaneOptions) -> bool:
-    """Tell whether lines [L, 2, 2] run along both axes: as the foot and a corner of a wall, which tell its rectangle.
+    """Tell whether lines [L, 2, 2] run along both axes, as the foot and a corner of a wall do.
 
-    Lines along one axis may be chords of a vault.
+    Lines along one axis only may be chords of a vault.
     """
     run = np.abs(ends[:, 1] - ends[:, 0])
     length = np.linalg.norm(run, axis=1)

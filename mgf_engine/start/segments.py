@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.start.options import SegmentOptions
-from mgf_engine.start.views import StartViews
+from mgf_engine.start.views import StartViews, pixel_rays
 
-_COLOUR_PLACES = 3, 7  # where the colours beside an edge are read: steps away from it, and along it
-_CELL = 8.0  # px, of the grid that tells which segments pass near a pixel
+_COLOUR_SAMPLES = 3, 7  # number of samples of the colour beside an edge: away from it, and along it
+_CELL = 8.0  # px, of the grid that lists the segments near each pixel
 _POINTERS = ("ends", "sides", "rays", "normals", "view", "projection", "centre", "first", "grid", "cell", "near")
 
 
@@ -57,10 +57,11 @@ class Segments:
 
     @cached_property
     def grid(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-        """The grids of cells that tell which segments pass near a pixel.
+        """Grids of cells that list the segments near each pixel.
 
-        Columns, rows and first cell of each photo's grid [V, 3]; where each cell begins in the list of segments
-        [C + 1]; and that list.
+        Returns:
+            Columns, rows and number of the first cell of each photo's grid, [V, 3]; where each cell begins in the list
+            of segments, [C + 1]; that list.
         """
         reach = self.options.reach + 0.5
         size = np.array([[np.ceil(v.width / _CELL), np.ceil(v.height / _CELL)] for v in self.views.views], np.int64)
@@ -118,17 +119,14 @@ def find_segments(views: StartViews, options: SegmentOptions, threads: int, blur
     return Segments(ends, sides, np.ascontiguousarray(rays), view, first, views, options)
 
 
-def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return unit directions [N, 3] in the normalised frame of pixels [N, 2] of views ``number`` [N]."""
-    inverse = np.stack([np.linalg.inv(p[:, :3]) for p in views.silhouettes.projections])
-    rays = np.einsum("nij,nj->ni", inverse[number], np.c_[uv, np.ones(len(uv))])
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
-
-
 def _detect(
     views: StartViews, number: int, o: SegmentOptions, blur: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Detect a photo's longest edges; returns their ends [N, 4] and the Lab colours of both sides [N, 2, 3]."""
+    """Detect a photo's longest edges by LSD (von Gioi et al. 2010).
+
+    Returns:
+        Their ends, px [N, 4], and the Lab colours of both sides, the brighter one first, [N, 2, 3].
+    """
     photo = views.photo(number)
     if blur > 0:
         photo = np.asarray(cv2.GaussianBlur(photo, (0, 0), blur), np.uint8)
@@ -176,7 +174,7 @@ def _side_colours(
     """
     if not len(ends):
         return np.zeros((0, 3), np.float32)
-    away, share = (np.linspace(*span, count) for span, count in zip((o.side, o.along), _COLOUR_PLACES, strict=True))
+    away, share = (np.linspace(*span, count) for span, count in zip((o.side, o.along), _COLOUR_SAMPLES, strict=True))
     at = ends[:, None, None, :2] + share[None, :, None, None] * along[:, None, None]
     places = (at + away[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32)
     read = cv2.remap(lab, places[..., 0] - 0.5, places[..., 1] - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -13,6 +13,7 @@ from mgf_engine.start.surface import StartSurface
 from mgf_engine.system import atomic_path
 
 FILE = "start.npz"
+#: Arrays of the file; "sure" is the confidence of the faces.
 _NAMES = ("vertices", "faces", "sure", "dense", "seen", "pixel")
 
 

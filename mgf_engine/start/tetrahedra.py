@@ -16,7 +16,7 @@ from mgf_engine.native.library import call, parallel
 
 #: Corners of the face opposite of each corner, outward: the tetrahedra have positive volume.
 FACE_CORNERS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-_CHUNK = 1 << 17  # tetrahedra that are looked at together
+_CHUNK = 1 << 17  # tetrahedra that are processed at a time, which bounds the memory
 
 Array = NDArray[np.float64]
 
@@ -29,33 +29,39 @@ class Tetrahedra:
     corners: NDArray[np.int32]
 
     def around(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """List where the tetrahedra around each point begin in a list, [N + 1], and that list, [4 T] (kernel
-        ``mgf_tetra_around``)."""
+        """List the tetrahedra around each point (kernel ``mgf_tetra_around``).
+
+        Returns:
+            ``first`` [N + 1] and ``listed`` [4 T]: those of point n are ``listed[first[n]:first[n + 1]]``.
+        """
         first, listed = np.empty(len(self.points) + 1, np.int64), np.empty(self.corners.size, np.int32)
         call("mgf_tetra_around", len(self.corners), self.corners, len(self.points), first, listed)
         return first, listed
 
     @cached_property
     def neighbours(self) -> NDArray[np.int32]:
-        """Tetrahedra opposite of each corner, -1 at the rim, [T, 4] (kernel ``mgf_tetra_neighbours``)."""
+        """Tetrahedra beyond the face opposite of each corner, -1 for none, [T, 4] (kernel ``mgf_tetra_neighbours``)."""
         result = np.empty_like(self.corners)
         parallel("mgf_tetra_neighbours", len(result), self.corners, *self.around(), result)
         return result
 
     def volumes(self, chunk: slice) -> Array:
-        """Compute volumes of those in a chunk, [B]."""
+        """Compute the volumes of the tetrahedra of a chunk, [B]."""
         a, b, c, d = (self.points[self.corners[chunk, k]] for k in range(4))
         return np.asarray(np.abs(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)) / 6)
 
     def chunks(self) -> Iterator[slice]:
-        """Iterate over ranges of them that are looked at together, which bounds the memory."""
+        """Yield slices of the tetrahedra that are processed at a time, which bounds the memory."""
         for begin in range(0, len(self.corners), _CHUNK):
             yield slice(begin, min(begin + _CHUNK, len(self.corners)))
 
     @contextlib.contextmanager
-    def walkable(self, from_points: bool = False) -> Iterator[ctypes.c_void_p]:
-        """Give the address of a ``struct Tetrahedra``, while rays walk through them; rays that begin at points need
-        the tetrahedra around those."""
+    def kernel_table(self, from_points: bool = False) -> Iterator[ctypes.c_void_p]:
+        """Provide a ``struct Tetrahedra`` to kernels that walk rays through them, in the body of a ``with`` statement.
+
+        Args:
+            from_points: whether the rays begin at points; the kernel then needs the tetrahedra around each.
+        """
         around, listed = self.around() if from_points else (np.zeros(0, np.int64), np.zeros(0, np.int32))
         table = TetraTable(self.corners, self.neighbours, self.points, around, listed)
         yield _by_reference(table)

@@ -29,7 +29,7 @@ class StartViews:
         indices: their numbers in the scene.
         views: the cameras at working size.
         labels: uint8 [H, W] each.
-        silhouettes: their masks, as :func:`find_outside` asks them.
+        silhouettes: their masks, as :func:`find_outside` takes them.
         points, seen: sparse points on the building [N, 3], and of each the positions of the views that saw it.
         pixel: size of a pixel at the building.
         low, high: the box that holds it, [3] each.
@@ -68,7 +68,7 @@ class StartViews:
         return np.asarray(cv2.resize(photo, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8)
 
     def is_outside(self, points: NDArray[np.float64], o: OutsideOptions) -> NDArray[np.bool_]:
-        """Tell which points [N, 3] the masks call outside, bool [N]."""
+        """Find the points [N, 3] outside of the visual hull, bool [N]; see :func:`find_outside`."""
         return find_outside(points, self.silhouettes, o)
 
 
@@ -80,7 +80,7 @@ class Silhouettes:
         projections: matrices that take points in the normalised frame to pixels, [V, 3, 4].
         outside: distances outside of the masks in eighths of a pixel, 255 for more, uint8 [V, H, W]; of smaller photos
             the rest is 0.
-        sizes: width and height of each photo, int32 [V, 2]; 0 for those whose masks are not asked.
+        sizes: width and height of each photo, int32 [V, 2]; 0 for those whose masks are not used.
     """
 
     projections: NDArray[np.float64]
@@ -104,7 +104,7 @@ class Silhouettes:
         return Silhouettes(self.projections[part], self.outside[part], self.sizes[part])
 
     def without(self, numbers: Sequence[int]) -> Silhouettes:
-        """Return them without asking some views."""
+        """Return them without the masks of some views."""
         sizes = self.sizes.copy()
         sizes[list(numbers)] = 0
         return replace(self, sizes=sizes)
@@ -113,6 +113,13 @@ class Silhouettes:
 def projection(view: View) -> NDArray[np.float64]:
     """Return the matrix [3, 4] that takes points in the normalised frame to pixels."""
     return np.asarray(view.intrinsics @ np.c_[view.rotation, view.translation])
+
+
+def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit directions [N, 3] in the normalised frame of pixels [N, 2] of views ``number`` [N]."""
+    inverse = np.stack([np.linalg.inv(p[:, :3]) for p in views.silhouettes.projections])
+    rays = np.einsum("nij,nj->ni", inverse[number], np.c_[uv, np.ones(len(uv))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 def find_outside(points: NDArray[np.float64], silhouettes: Silhouettes, o: OutsideOptions) -> NDArray[np.bool_]:
@@ -162,7 +169,7 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOpt
         pixel = _pixel(points, seen, views)
     silhouettes = Silhouettes.of(views, labels)
     low, high = pad_box(low, high, o.padding)
-    silhouettes = silhouettes.without(_distrusted(silhouettes, low, high, o))
+    silhouettes = silhouettes.without(_find_faulty_masks(silhouettes, low, high, o))
     return StartViews(scene, list(indices), views, labels, silhouettes, points, seen, pixel, low, high, cells)
 
 
@@ -226,23 +233,24 @@ def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views
     return float(np.median(size))
 
 
-def _distrusted(
+def _find_faulty_masks(
     silhouettes: Silhouettes, low: NDArray[np.float64], high: NDArray[np.float64], o: ViewOptions
 ) -> list[int]:
-    """Find masks that cut off parts of the building.
+    """Find masks that cut off parts of the building; returns their positions.
 
-    The coarse hull of what few masks call outside holds the building even where single masks fail. A mask that calls
-    far more of it outside than the others do is not trusted; one at a time, and at most half of them.
+    The coarse hull of the cells that only few masks call outside holds the building even where single masks fail. The
+    mask that calls the largest share of it outside is faulty if that is far more than the median; then the next one is
+    tested, up to half of the masks.
     """
     step = float((high - low).max()) / o.hull_cells
     axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     alone = OutsideOptions(least_views=1, share=0, margin=o.hull_margin)
-    says = np.stack([find_outside(cells, silhouettes.only(n), alone) for n in range(len(silhouettes.sizes))])
-    trusted = np.ones(len(says), bool)
-    while trusted.sum() > len(says) / 2:
-        inside = says[trusted].sum(0) < min(o.hull_views, len(says))
-        share = says[:, inside].mean(1) if inside.any() else np.zeros(len(says))
+    outside = np.stack([find_outside(cells, silhouettes.only(n), alone) for n in range(len(silhouettes.sizes))])
+    trusted = np.ones(len(outside), bool)
+    while trusted.sum() > len(outside) / 2:
+        inside = outside[trusted].sum(0) < min(o.hull_views, len(outside))
+        share = outside[:, inside].mean(1) if inside.any() else np.zeros(len(outside))
         worst = int(np.where(trusted, share, -1).argmax())
         if share[worst] < max(o.distrust_share, o.distrust_factor * float(np.median(share[trusted]))):
             break

@@ -42,7 +42,8 @@ def lay_out(
 
     Args:
         uv: [F, 3, 2], corners in pixels of the view that paints each face; ignored for faces without one.
-        label, patch: [F], as ``choose`` gives them.
+        label: view that paints each face, [F], as :func:`mgf_engine.texture.view_selection.choose_views` returns it.
+        patch: of each face, [F], as :func:`mgf_engine.texture.view_selection.patches` returns it.
         finest: pixels of the user's photos per pixel of the working photos.
         largest_side: of the picture, pixels.
         options: of the layout.

@@ -22,7 +22,7 @@ class Originals:
     """The photos as the user took them, in the exposure of the working photos; working photos where they are gone.
 
     Attributes:
-        gone: why each could not be read.
+        gone: for each photo that could not be read, why.
     """
 
     def __init__(self, views: list[View], working: Callable[[int], NDArray[np.uint8]]) -> None:
@@ -46,11 +46,13 @@ class Painting:
     """The assignment of photos to faces.
 
     Attributes:
-        chosen: the views' places in the scene; views: those that may paint.
-        label: int32 [F], place among ``views``, :data:`mgf_engine.texture.model.NO_VIEW` where none shows the face.
+        chosen: indices in the scene of the views that may paint.
+        views: their cameras.
+        label: position among ``views`` of the view that paints each face, int32 [F];
+            :data:`mgf_engine.texture.model.NO_VIEW` for faces that none shows.
         neighbours: pairs of faces that share an edge, [E, 2].
-        corrections: what makes seams vanish.
-        source: place among ``views`` -> the photo to paint with.
+        corrections: of the colours at seams.
+        source: position among ``views`` -> the photo to paint with.
         visibility: options that the views were found by.
     """
 

@@ -31,7 +31,7 @@ Photo = Callable[[int], NDArray[np.uint8]]
 
 @dataclass(frozen=True)
 class Corrections:
-    """What is added to the colours of the photos.
+    """Corrections that are added to the colours of the photos.
 
     Attributes:
         of_corner: int64 [F, 3], row of ``value`` for each corner of a face.
@@ -156,8 +156,9 @@ def _differences(
 
 
 def _colors(points: Array, view: View, photo: NDArray[np.uint8], o: SeamOptions) -> Array:
-    calm = np.asarray(cv2.GaussianBlur(photo, (0, 0), o.blur), np.uint8)
-    return sample(calm, corners(points, view)[:, :2]).astype(np.float64)
+    """Return the colours of a photo at points [n, 3] (normalised frame), after a blur, [n, 3]."""
+    blurred = np.asarray(cv2.GaussianBlur(photo, (0, 0), o.blur), np.uint8)
+    return sample(blurred, corners(points, view)[:, :2]).astype(np.float64)
 
 
 def _laplacian(pairs: NDArray[np.int64], weight: Array, count: int) -> sparse.csr_matrix:

@@ -108,7 +108,7 @@ def choose_painting(
         return scene.photo(chosen[i])
 
     seen = _SEEN / _LEVELLED
-    sights = find_face_views(
+    face_views = find_face_views(
         mesh,
         views,
         photo,
@@ -117,7 +117,7 @@ def choose_painting(
         options.visibility,
     )
     neighbours = face_neighbours(mesh.faces)
-    label = choose_views(sights, neighbours, face_areas(mesh), options.views, options.visibility.least_size)
+    label = choose_views(face_views, neighbours, face_areas(mesh), options.views, options.visibility.least_size)
     progress(seen)
     corrections = level_seams(mesh, label, neighbours, views, photo, options.seams)
     progress(1.0)

@@ -28,7 +28,7 @@ class ViewSelectionOptions:
 
 
 def choose_views(
-    sights: FaceViews,
+    face_views: FaceViews,
     neighbours: NDArray[np.int64],
     area: NDArray[np.float64],
     options: ViewSelectionOptions = ViewSelectionOptions(),
@@ -37,20 +37,20 @@ def choose_views(
     """Choose the view that paints each face, :data:`NO_VIEW` where none shows it, int32 [F].
 
     Args:
-        sights: which views show each face, and how large.
+        face_views: which views show each face, and how large.
         neighbours: pairs of faces that share an edge, [E, 2].
         area: of each face, [F].
         options: of the cover and the smoothing.
         least_size: share of the largest size of a face from which a photo may take it over from its neighbours.
     """
-    best = np.zeros(sights.faces, np.float32)
-    np.maximum.at(best, sights.face, sights.size)
-    share = sights.size / best[sights.face]
-    label = _cover(sights, share >= options.nearly_best, area)
+    best = np.zeros(face_views.faces, np.float32)
+    np.maximum.at(best, face_views.face, face_views.size)
+    share = face_views.size / best[face_views.face]
+    label = _cover(face_views, share >= options.nearly_best, area)
     fair = share >= least_size
-    shows = _Pairs(sights.face[fair], sights.view[fair])
+    shows = _Pairs(face_views.face[fair], face_views.view[fair])
     for step in range(options.rounds):
-        label = _smoothed(label, neighbours, shows, step % 2)
+        label = _smooth_labels(label, neighbours, shows, step % 2)
     return _without_small(label, neighbours, shows, best, options)
 
 
@@ -63,7 +63,7 @@ def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
 
 
 class _Pairs:
-    """Set of pairs of a view and a face that it may texture."""
+    """Set of pairs of a face and a view that may texture it; called with faces and views [K], tells which are in it."""
 
     def __init__(self, face: NDArray[np.int32], view: NDArray[np.int32]) -> None:
         self._base = int(view.max(initial=0)) + 1
@@ -77,10 +77,10 @@ class _Pairs:
         return np.asarray((self._keys[at] == key) & (view >= 0), bool)
 
 
-def _cover(sights: FaceViews, good: NDArray[np.bool_], area: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Cover greedily: again and again take the view that can paint the largest area that has no paint yet."""
-    label = np.full(sights.faces, NO_VIEW, np.int32)
-    face, view = sights.face[good], sights.view[good]
+def _cover(face_views: FaceViews, good: NDArray[np.bool_], area: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Cover the faces greedily: repeatedly take the view that shows the largest area not covered yet, int32 [F]."""
+    label = np.full(face_views.faces, NO_VIEW, np.int32)
+    face, view = face_views.face[good], face_views.view[good]
     while len(face):
         chosen = int(np.bincount(view, area[face] + 1e-30).argmax())
         label[face[view == chosen]] = chosen
@@ -89,8 +89,10 @@ def _cover(sights: FaceViews, good: NDArray[np.bool_], area: NDArray[np.float64]
     return label
 
 
-def _smoothed(label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _Pairs, parity: int) -> NDArray[np.int32]:
-    """Give every other face the view of two of its neighbours where that shows it."""
+def _smooth_labels(
+    label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _Pairs, parity: int
+) -> NDArray[np.int32]:
+    """Give the faces of one parity the view that two of their neighbours have, where it shows them, int32 [F]."""
     first, second = np.concatenate([neighbours, neighbours[:, ::-1]]).T
     asked = (first % 2 == parity) & (label[second] != label[first]) & (label[second] >= 0)
     first, wanted = first[asked], label[second[asked]]

@@ -49,7 +49,8 @@ class FaceViews:
     """Pairs of a view and a face that it shows fairly large (``least_size`` of the options), ordered by view.
 
     Attributes:
-        view: int32 [K], position among the views; face: int32 [K].
+        view: int32 [K], position among the views.
+        face: int32 [K].
         size: float32 [K], pixels of the working photo that the face takes.
         faces: number of faces of the mesh.
     """
@@ -80,20 +81,23 @@ def find_face_views(
     """
     normals = face_normals(mesh)
 
-    def seen(i: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    def find_shown(i: int) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         return _shown(mesh, normals, views[i], photo(i), inside(i), options)
 
-    found = _Found(len(mesh.faces), options.least_size)
+    found = _FaceViewCollector(len(mesh.faces), options.least_size)
     each = _BYTES_PER_PIXEL * most_pixels(views) + _BYTES_PER_FACE * len(mesh.faces)
-    for i, (faces, sizes) in enumerate(parallel_map(seen, range(len(views)), bytes_each=each)):
+    for i, (faces, sizes) in enumerate(parallel_map(find_shown, range(len(views)), bytes_each=each)):
         progress(i / len(views))
         found.add(i, faces, sizes)
-    return found.sights()
+    return found.collect()
 
 
-class _Found:
-    """Collects sights. Each photo shows a tenth of the faces, so that hundreds would fill the memory: what is small
-    beside what another photo shows is dropped underway, which changes nothing."""
+class _FaceViewCollector:
+    """Collects the faces that views show, within bounded memory.
+
+    Each photo shows about a tenth of the faces, so that those of hundreds of photos would fill the memory. Faces that
+    are much smaller in a view than in another one would be dropped in the end; they are dropped underway.
+    """
 
     def __init__(self, faces: int, least_size: float) -> None:
         self._least_size = least_size
@@ -110,8 +114,8 @@ class _Found:
             self._drop_small()
             self._limit = 2 * max(self._count, len(self._best))
 
-    def sights(self) -> FaceViews:
-        """Return all views of faces that are fairly large."""
+    def collect(self) -> FaceViews:
+        """Return all pairs of a view and a face that it shows fairly large."""
         self._drop_small()
         view = np.repeat(np.array([v for v, *_ in self._parts], np.int32), [len(f) for _, f, _ in self._parts])
         face = np.concatenate([np.zeros(0, np.int32), *(f for _, f, _ in self._parts)])
@@ -147,8 +151,8 @@ def _shown(
     kept = np.where(area < o.large, at_corners[face], drawn[face] >= o.shown * area)
     kept &= (area > 0) & (_facing(mesh, normals, face, view) > o.least_cosine)
     face, area = face[kept], area[kept]
-    odd = off[mesh.faces[face]].mean(1) > o.other_color
-    return face.astype(np.int32), np.where(odd, o.odd_weight * area, area).astype(np.float32)
+    deviating = off[mesh.faces[face]].mean(1) > o.other_color
+    return face.astype(np.int32), np.where(deviating, o.odd_weight * area, area).astype(np.float32)
 
 
 def _at_vertices(

@@ -13,11 +13,11 @@ from mgf_engine.geometry.delaunay import delaunay
 from mgf_engine.native import library
 from mgf_engine.native.library import parallel
 from mgf_engine.start import reference
-from mgf_engine.start.lines import fit_segments, match_segments, neighbours_of
+from mgf_engine.start.lines import choose_neighbours, fit_segments, match_segments
 from mgf_engine.start.options import OutsideOptions, SegmentOptions, ViewOptions
-from mgf_engine.start.segments import Segments, find_segments, pixel_rays
+from mgf_engine.start.segments import Segments, find_segments
 from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
-from mgf_engine.start.views import Silhouettes, StartViews, find_outside, start_views
+from mgf_engine.start.views import Silhouettes, StartViews, find_outside, pixel_rays, start_views
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def variant(request: pytest.FixtureRequest):
 
 
 def test_matching_is_that_of_the_twin(segments: Segments, variant: None) -> None:
-    neighbours = neighbours_of(segments)
+    neighbours = choose_neighbours(segments)
     lines, score = match_segments(segments, neighbours)
     assert np.count_nonzero(score > 2) > 20
     for n in range(0, len(score), 7):
@@ -132,7 +132,7 @@ def test_rays_pass_the_cells_that_the_twin_finds(shape: Tetrahedra, variant: Non
             free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
             face = np.zeros((len(shape.corners), 4), np.int32)
             one = np.ones(1, np.float32)
-            with shape.walkable(from_points=True) as table:
+            with shape.kernel_table(from_points=True) as table:
                 parallel(
                     "mgf_tetra_rays", 1, table, np.array([point], np.int32), np.array([number], np.int32),
                     centres, one, 0 * one, 0.1, 0.2, free, solid, face,
@@ -152,7 +152,7 @@ def test_what_lies_behind_a_point_is_inside(shape: Tetrahedra, variant: None) ->
     behind = shape.points[point] + 0.05 * d / np.linalg.norm(d)
     solid, face = np.zeros(len(shape.corners), np.int32), np.zeros((len(shape.corners), 4), np.int32)
     one = np.ones(1, np.float32)
-    with shape.walkable(from_points=True) as table:
+    with shape.kernel_table(from_points=True) as table:
         parallel(
             "mgf_tetra_rays", 1, table, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
             0.1, 0.05, np.zeros_like(solid), solid, face,
@@ -168,7 +168,7 @@ def test_pulled_rays_share_their_weight_by_length(shape: Tetrahedra, variant: No
     shut = np.zeros(len(shape.corners), np.uint8)
     long, short = np.zeros(len(shut), np.int32), np.zeros(len(shut), np.int32)
     outside = np.zeros(len(shut), np.int32)
-    with shape.walkable() as table:
+    with shape.kernel_table() as table:
         parallel("mgf_tetra_pull", 1, table, start, direction, shut, 0.5, 10.0, long)
         parallel("mgf_tetra_pull", 1, table, start, direction, shut, 0.5, 1e-3, short)
         parallel("mgf_tetra_pull", 1, table, start + 9, direction, shut, 0.5, 10.0, outside)

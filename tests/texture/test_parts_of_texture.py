@@ -17,7 +17,7 @@ from mgf_engine.texture.charts import CELL, ChartOptions, lay_out, pack
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
 from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
-from mgf_engine.texture.visibility import FaceViews, VisibilityOptions, _Found, find_face_views
+from mgf_engine.texture.visibility import FaceViews, VisibilityOptions, _FaceViewCollector, find_face_views
 
 SIDE = 12
 
@@ -183,11 +183,11 @@ def test_sights_that_are_small_beside_others_are_dropped_underway() -> None:
     rng, faces, views = np.random.default_rng(2), 400, 500
     shown = [np.sort(rng.choice(faces, faces // 10, replace=False)).astype(np.int32) for _ in range(views)]
     sizes = [(rng.random(len(f)) ** 4).astype(np.float32) for f in shown]
-    found, most = _Found(faces, VisibilityOptions.least_size), 0
+    found, most = _FaceViewCollector(faces, VisibilityOptions.least_size), 0
     for k in range(views):
         found.add(k, shown[k], sizes[k])
         most = max(most, found._count)
-    kept = found.sights()
+    kept = found.collect()
     best = np.zeros(faces, np.float32)
     for f, s in zip(shown, sizes, strict=True):
         best[f] = np.maximum(best[f], s)
