@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.system import write_json
-from mgf_engine.town.workflow import CONFIG, Executor, Wanted, snakemake, write_config
+from mgf_engine.town.workflow import CONFIG, Executor, OptionalProducts, snakemake, write_config
 
 #: In the place of Python: what the Snakefile calls with "-m module buildings/ID …".
 _STAND_IN = '#!/bin/sh\nsleep {seconds}\necho "{{}}" > "$3/done.json"\n'
@@ -48,7 +48,7 @@ def make_stand_ins(town: Path, count: int, seconds: float, slots: int) -> Execut
     script.write_text(_STAND_IN.format(seconds=seconds))
     script.chmod(0o755)
     executor = Executor(cores=slots)
-    write_config(town, executor, Wanted(terrain=False, solids=False), count, 0, {"threads": 1})
+    write_config(town, executor, OptionalProducts(terrain=False, solids=False), count, 0, {"threads": 1})
     values = json.loads((town / CONFIG).read_text())
     write_json(town / CONFIG, {**values, "python": str(script.resolve())})
     return executor

@@ -93,9 +93,8 @@ def _given_options(args: argparse.Namespace) -> dict[str, Any]:
     given.update(option_pairs(args.set))
     names = {f.name for f in option_fields()}
     given.update({name: value for name, value in vars(args).items() if name in names})
-    if isinstance(
-        given.get("crop_box"), str
-    ):  # the file is read once and its content kept, so that a resumed job has the same box
+    if isinstance(given.get("crop_box"), str):
+        # The file is read once and its content kept, so that a resumed job has the same box.
         from mgf_engine.scene.crop import read_crop_box
 
         given["crop_box"] = read_crop_box(given["crop_box"])
@@ -119,9 +118,8 @@ def _job_command(args: argparse.Namespace) -> int:
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
         code = _fail(reporter, error, args.out, log_path)
-        if new and isinstance(
-            error, BadInput
-        ):  # the message says everything, so no log is needed; unlike for a full disk
+        if new and isinstance(error, BadInput):
+            # The message says everything, so no log is needed; unlike for a full disk.
             _close_log()
             remove_refused(args.out)
         return code

@@ -67,7 +67,7 @@ def adam_step(
     active = width if active is None else active
     seen = None if visible is None else visible.to(torch.bool).contiguous()
     if backend == "reference":
-        _reference(parameter, gradient, moments, step, seen, active)
+        _reference_step(parameter, gradient, moments, step, seen, active)
         return
     arrays = [t.detach() for t in (parameter, gradient.contiguous(), *moments)]
     if any(t.dtype != torch.float32 or t.numel() != rows * width for t in arrays):
@@ -81,12 +81,12 @@ def adam_step(
     mask = None if seen is None else seen.view(torch.uint8)
     if backend != "cpu":
         columns = [rate] * width if rates is None else rates.tolist()
-        _on_card(backend, arrays, mask, active, columns, settings)
+        _step_on_gpu(backend, arrays, mask, active, columns, settings)
         return
     parallel("mgf_adam", rows, width, active, *arrays, mask, rate, rates, *settings)
 
 
-def _on_card(
+def _step_on_gpu(
     backend: str,
     arrays: list[Tensor],
     mask: Tensor | None,
@@ -94,6 +94,19 @@ def _on_card(
     rates: list[float],
     settings: tuple[float, ...],
 ) -> None:
+    """Take the step by the CUDA kernel.
+
+    Args:
+        backend: ``cuda`` or ``cuda-source-on-cpu``.
+        arrays: parameter, gradient and both moments.
+        mask: uint8 [N], rows that are updated; None for all.
+        active: number of leading columns that are updated.
+        rates: learning rate of each column.
+        settings: decay rates, eps and bias corrections, as the kernel takes them.
+
+    Raises:
+        ValueError: rows are longer than the kernel takes.
+    """
     from mgf_engine.native.cuda.launcher import blocks
     from mgf_engine.raster.cuda import launcher_on
 
@@ -105,7 +118,7 @@ def _on_card(
     launcher_on(backend).launch("adam", grid, rows, width, active, *arrays, mask, by_column, settings)
 
 
-def _reference(
+def _reference_step(
     parameter: Tensor,
     gradient: Tensor,
     moments: tuple[Tensor, Tensor],
@@ -113,6 +126,7 @@ def _reference(
     visible: Tensor | None,
     active: int,
 ) -> None:
+    """Take the step in plain torch, as :func:`adam_step`."""
     rows, width = len(parameter), parameter.shape[1:].numel()
     seen = torch.ones(rows, dtype=torch.bool) if visible is None else visible
     p, g, m, v = (t.detach().view(rows, width)[:, :active] for t in (parameter, gradient, *moments))

@@ -62,7 +62,7 @@ class Camera:
             view: camera of the photo.
             factor: by which its pictures are reduced.
             near: depth in front of which nothing is drawn, normalised units.
-            far: depth behind which nothing is drawn, normalised units.
+            far: depth that the distortion is mapped with (see :class:`Camera`), normalised units; clips nothing.
         """
         width, height = max(1, round(view.width * factor)), max(1, round(view.height * factor))
         x, y = width / view.width, height / view.height

@@ -106,15 +106,14 @@ class Projection:
 def list_tiles(
     raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor | None, wait: bool = True
 ) -> TileLists:
-    """Do as :func:`build_lists`, for parameters that are ready for the kernels; ``wait`` has a meaning on cards
-    only.
+    """List the Gaussians of each tile as :func:`build_lists` does, from parameters that are ready for the kernels.
 
     Args:
         raw: parameters of the Gaussians, ready for the kernels.
         camera: of the picture.
         sh_degree: of the colours.
         tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
-        wait: of no meaning here, see :class:`mgf_engine.raster.cuda.blending.Rasterizer`.
+        wait: ignored on the CPU; see :class:`mgf_engine.raster.cuda.blending.Rasterizer`.
     """
     return bin_tiles(project(raw, camera, sh_degree, tile_mask))
 
@@ -226,8 +225,8 @@ def backward(
         raw: parameters of the Gaussians, ready for the kernels.
         sh_degree: of the colours.
         lists: what each tile was drawn from.
-        image: what was drawn, planes of ``csrc/raster/blend.h``.
-        hits: per pixel, after which entry of its list drawing ended.
+        image: as :func:`blend` made it.
+        hits: as :func:`blend` made them.
         gradients: of the loss by each output.
         error_map: float32 [H, W], per-pixel error that ``statistics`` gather; None for zero.
         statistics: all of :class:`mgf_engine.raster.outputs.RenderStats`, to add to, or none.

@@ -21,11 +21,13 @@ class PhotoSide:
         image: uint8 [3, h, w].
         labels: uint8 [h, w]; 0 where nothing is compared, else 1..ids - 1.
         elements: labels 1..elements together are the whole building, a mask of its own.
-        edges, ring: uint8 [h, w]; boundaries of labels, and certain background near the building.
+        edges: uint8 [h, w]; boundaries of labels.
+        background_band: uint8 [h, w]; certain background near the building.
         origin: first row and column of the box in the frame.
         area: int64 [scales, ids], pixels of each label at the scales of MS-SSIM; in place of label 0, of the whole
             building.
-        edge_area, ring_area: labelled edge pixels, ring pixels.
+        edge_area: number of labelled edge pixels.
+        band_area: number of pixels of the background band.
         levels: int64 [scales, 9], struct Level of ``csrc/raster/loss.h``.
         flags: uint8 [tiles of all levels].
         strips: uint8, whether 16 rows hold a label.

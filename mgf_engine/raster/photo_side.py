@@ -12,14 +12,8 @@ from mgf_engine.raster.loss_inputs import PhotoSide
 from mgf_engine.raster.ms_ssim import scales_of
 
 TILE_H, TILE_W = 32, 256  # px, csrc/raster/loss.h, as the fields and flags
-
-
 _STRIP = 16  # rows, csrc/raster/normals.h
-
-
 _LEVEL_FIELDS, _SAVED = 9, 4
-
-
 _HAS_LABEL, _COVERS_LABEL, _HAS_BAND = 1, 2, 4
 
 
@@ -49,9 +43,9 @@ def photo_side(
     tiles = floats = 0
     for scale in range(scales):
         h, w = height >> scale, width >> scale
-        here = mask[: h << scale : 1 << scale, : w << scale : 1 << scale]
-        area[scale] = _areas(here, ids, elements)
-        has = _in_tiles(here > 0, 1) * _HAS_LABEL
+        level_mask = mask[: h << scale : 1 << scale, : w << scale : 1 << scale]
+        area[scale] = _areas(level_mask, ids, elements)
+        has = _in_tiles(level_mask > 0, 1) * _HAS_LABEL
         covers = _in_tiles(mask > 0, 1 << scale)[: has.shape[0], : has.shape[1]] * _COVERS_LABEL
         extra = _in_tiles(background_band.numpy() > 0, 1) * _HAS_BAND if scale == 0 else 0
         flags.append((has + covers + extra).astype(np.uint8).ravel())
@@ -78,6 +72,7 @@ def _areas(labels: NDArray[np.uint8], ids: int, elements: int) -> NDArray[np.int
 
 
 def _in_tiles(mask: NDArray[np.bool_], factor: int) -> NDArray[np.int64]:
+    """Tell which tiles hold a true pixel, 0 or 1, [rows, columns]; ``factor``: size of the mask over the level's."""
     return _blocks(mask, TILE_H * factor, TILE_W * factor).astype(np.int64)
 
 

@@ -57,18 +57,24 @@ class ClickOptions:
 
 
 @dataclass(frozen=True)
-class Sides:
-    """Which sparse points lie on a building and which do not, bool [P] each; others may be either."""
+class PointClasses:
+    """Sparse points by where they lie, bool [P] each; those in no class may be on the building or not.
+
+    Attributes:
+        on: on the building.
+        neighbours: on other buildings.
+        beside: beside the building and its neighbours.
+    """
 
     on: Bools
     neighbours: Bools
     beside: Bools
 
 
-def sides_of(
+def classify_points(
     hull: Hull, hulls: Sequence[Hull], points: Array, metre: float, options: ClickOptions = ClickOptions()
-) -> Sides:
-    """Sort the sparse points (local frame) by one building.
+) -> PointClasses:
+    """Classify the sparse points by where they lie relative to one building.
 
     Args:
         hull: of the building.
@@ -96,7 +102,7 @@ def sides_of(
     next_to[rows] = shapely.contains_xy(neighbours, places) & clear & (heights > above)
     # What overhangs a footprint is near it; the ground right at the wall is left to the mask.
     beside[rows] = clear & ~shapely.contains_xy(neighbours.buffer(slack), places)
-    return Sides(on, next_to, beside)
+    return PointClasses(on, next_to, beside)
 
 
 def suggest_clicks(
@@ -111,48 +117,58 @@ def suggest_clicks(
         options: number of clicks, and how far they keep from edges.
     """
     scene, drawn, hull = town.scene, town.drawn, town.hulls[number]
-    sides = sides_of(hull, town.hulls, town.points, town.metre, options)
+    classes = classify_points(hull, town.hulls, town.points, town.metre, options)
     alone = _mesh(town, hull.polygon, hull.low - 0.3 * town.metre, hull.high)
     middle = hull.polygon.buffer(-0.15 * math.sqrt(hull.polygon.area))
     middle = middle if not middle.is_empty else hull.polygon
     core = _mesh(town, middle, hull.low, hull.low + 0.6 * (hull.high - hull.low))
     result: dict[str, dict[str, list[list[float]]]] = {}
-    for index in _clicked(scene, choice, [float((owner == number).mean()) for owner in drawn.owner], options):
-        rows = scene.observations(index)
-        pixels = np.asarray(scene.track_uv[rows], np.float64)
-        owner = scene.track_point[rows]
-        factor, view = drawn.factor[index], drawn.views[index]
-        visible = drawn.owner[index] == number
-        inward = _depth(visible)
-        outward = _depth(render_mesh(alone, view).face < 0)
-        on = sides.on[owner]
-        on[on] = enclosed(pixels[on], options)
-        positive = _spread(
-            *_kept(pixels, on, inward, factor, options.inside),
-            _inmost(
-                render_mesh(core, view).face >= 0, visible & ~_near_others(drawn.owner[index], number, options), options
-            ),
-            factor,
-            options=options,
-        )
-        limit = options.near * max(view.width, view.height)
-        negative = [
-            *_nearest(
-                *_kept(pixels, sides.neighbours[owner], outward, factor, options.outside, limit), options.negatives // 2
-            ),
-            *_nearest(
-                *_kept(pixels, sides.beside[owner], outward, factor, options.outside, limit),
-                options.negatives - options.negatives // 2,
-            ),
-        ]
+    shares = [float((owner == number).mean()) for owner in drawn.owner]
+    for index in _choose_clicked(scene, choice, shares, options):
+        positive, negative = _clicks_in(town, number, index, classes, alone, core, options)
         if len(positive):
-            result[scene.views[index].name] = {
-                "positive": _original(scene, index, positive), "negative": _original(scene, index, np.array(negative)),
-            }  # fmt: skip
+            pixels = {"positive": positive, "negative": np.array(negative)}
+            result[scene.views[index].name] = {kind: _to_original(scene, index, at) for kind, at in pixels.items()}
     return result
 
 
-def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float], options: ClickOptions) -> list[int]:
+def _clicks_in(
+    town: HullScene, number: int, index: int, classes: PointClasses, alone: Mesh, core: Mesh, options: ClickOptions
+) -> tuple[Array, list[Array]]:
+    """Choose the clicks in one photo.
+
+    Args:
+        town: photos and hulls.
+        number: of the building's hull.
+        index: of the photo.
+        classes: of the sparse points.
+        alone: the building's hull, normalised frame.
+        core: its inner part.
+        options: number of clicks, and how far they keep from edges.
+
+    Returns:
+        clicks on the building and beside it, working pixels, [N, 2] and N times [2].
+    """
+    scene, drawn = town.scene, town.drawn
+    rows = scene.observations(index)
+    pixels = np.asarray(scene.track_uv[rows], np.float64)
+    owner = scene.track_point[rows]
+    factor, view = drawn.factor[index], drawn.views[index]
+    visible = drawn.owner[index] == number
+    inward, outward = _depth(visible), _depth(render_mesh(alone, view).face < 0)
+    on = classes.on[owner]
+    on[on] = enclosed(pixels[on], options)
+    free = visible & ~_near_others(drawn.owner[index], number, options)
+    spare = _core_pixels(render_mesh(core, view).face >= 0, free, options)
+    positive = _choose_positive(*_kept(pixels, on, inward, factor, options.inside), spare, factor, options)
+    limit, half, negative = options.near * max(view.width, view.height), options.negatives // 2, list[Array]()
+    for wanted, count in ((classes.neighbours, half), (classes.beside, options.negatives - half)):
+        found = _kept(pixels, wanted[owner], outward, factor, options.outside, limit)
+        negative += _choose_negative(*found, count)
+    return positive, negative
+
+
+def _choose_clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float], options: ClickOptions) -> list[int]:
     """Return the photos that get clicks: a third of those chosen, spread out, none with only a corner of the
     building."""
     count = min(len(choice.photos), max(options.photos, -(-len(choice.photos) // options.every)))
@@ -160,11 +176,12 @@ def _clicked(scene: Scene, choice: ViewSelection, shares: Sequence[float], optio
     photos = [k for k in choice.photos if shares[k] >= large]
     views = [scene.views[k] for k in photos]
     centres, directions, _ = camera_poses(views, np.zeros(0, np.int32))
-    order = np.arange(len(views))[::-1]  # the most telling one first
+    order = np.arange(len(views))[::-1]  # the first photo of the choice has the highest count
     return [photos[k] for k in sample_views(centres, directions, order, count)]
 
 
 def _mesh(town: HullScene, polygon: object, low: float, high: float) -> Mesh:
+    """Make the prism of a polygon (local frame) between two heights, normalised frame."""
     vertices, faces = prism(polygon, low, high)
     vertices = town.normalised(vertices)
     return Mesh(vertices, faces, np.zeros(vertices.shape, np.uint8))
@@ -203,9 +220,12 @@ def enclosed(pixels: Array, options: ClickOptions) -> Bools:
     return np.asarray(gap <= np.radians(options.open_side))
 
 
-def _inmost(core: Bools, visible: Bools, options: ClickOptions) -> tuple[Array, Array]:
-    """Return the middle of what is surely the building and not hidden, pixels [N, 2] of the drawn picture, and depths
-    [N]."""
+def _core_pixels(core: Bools, visible: Bools, options: ClickOptions) -> tuple[Array, Array]:
+    """Return the inmost visible pixels of the core of a hull.
+
+    Returns:
+        pixels of the drawn picture [N, 2], and their distances from the edge of the visible core [N].
+    """
     depth = _depth(core & visible)
     if depth.max() < options.inside:
         return np.zeros((0, 2)), np.zeros(0)
@@ -220,9 +240,18 @@ def _near_others(owner: NDArray[np.int16], number: int, options: ClickOptions) -
     return np.asarray(cv2.dilate(others, np.ones((2 * options.hidden + 1,) * 2, np.uint8)) > 0)
 
 
-def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: float, options: ClickOptions) -> Array:
-    """Spread clicks on the building: the deepest, then what lies farthest from those; from the core where points are
-    few."""
+def _choose_positive(
+    pixels: Array, depth: Array, spare: tuple[Array, Array], factor: float, options: ClickOptions
+) -> Array:
+    """Choose clicks on the building: the deepest pixel, then those farthest from the chosen ones; [K, 2].
+
+    Args:
+        pixels: of sparse points on the building, working pixels [N, 2].
+        depth: distance of each from the edge of the hull, [N].
+        spare: further pixels (of the drawn picture) and depths, used if there are too few.
+        factor: pixels of the drawn picture per working pixel.
+        options: number of clicks.
+    """
     if len(pixels) < options.positives and len(spare[0]):
         pixels = np.concatenate([pixels, spare[0] / factor])
         depth = np.concatenate([depth, spare[1]])
@@ -236,8 +265,8 @@ def _spread(pixels: Array, depth: Array, spare: tuple[Array, Array], factor: flo
     return pixels[chosen]
 
 
-def _nearest(pixels: Array, depth: Array, count: int) -> list[Array]:
-    """Choose clicks beside the building: the nearest, then those that are near and far from each other."""
+def _choose_negative(pixels: Array, depth: Array, count: int) -> list[Array]:
+    """Choose clicks beside the building: the nearest pixel, then those that are near it and far from each other."""
     if not len(pixels) or count < 1:
         return []
     chosen = [int(np.argmin(depth))]
@@ -248,7 +277,8 @@ def _nearest(pixels: Array, depth: Array, count: int) -> list[Array]:
     return list(pixels[chosen])
 
 
-def _original(scene: Scene, index: int, pixels: Array) -> list[list[float]]:
+def _to_original(scene: Scene, index: int, pixels: Array) -> list[list[float]]:
+    """Convert working pixels [N, 2] to pixels of the user's photo, rounded for ``prompts.json``."""
     if not len(pixels):
         return []
     view = scene.views[index]

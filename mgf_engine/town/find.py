@@ -53,7 +53,7 @@ class OutlineOptions:
 
 @dataclass(frozen=True)
 class Outline:
-    """Something that may be a building.
+    """A connected group of points above the ground that may be a building.
 
     Attributes:
         polygon: shapely, local frame.
@@ -73,14 +73,13 @@ def height_over_ground(points: Array, metre: float, options: OutlineOptions = Ou
     cells = np.floor((points[:, :2] - low) / (options.ground_cell * metre)).astype(np.int64)
     cells = np.minimum(cells, 4000)  # stray points far away are left to its rim
     floor = np.full(tuple(cells.max(0) + 1), np.inf)
-    sound = ~_sunken(points, metre, options)
+    sound = ~_below_neighbours(points, metre, options)
     np.minimum.at(floor, tuple(cells[sound].T), points[sound, 2])
     known = np.isfinite(floor)
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     filled = ndimage.median_filter(floor[tuple(nearest)], 3)
-    trend = _trend(
-        filled, known, options
-    )  # without it an opening takes the upper rim of a slope for something on the ground
+    # Without the trend, an opening takes the upper end of a slope for something on the ground.
+    trend = _trend(filled, known, options)
     opened = trend + ndimage.grey_opening(
         filled - trend, size=max(3, round(options.widest / options.ground_cell)), mode="nearest"
     )
@@ -88,8 +87,7 @@ def height_over_ground(points: Array, metre: float, options: OutlineOptions = Ou
 
 
 def _trend(floor: Array, known: NDArray[np.bool_], options: OutlineOptions) -> Array:
-    """Return the plane of the slope that lies under a map of lowest points [X, Y]: fitted to the lower ones in
-    turns."""
+    """Fit a plane below a map of lowest points [X, Y], in turns to those that lie low over it; its heights, [X, Y]."""
     place = np.column_stack([*np.nonzero(known), np.ones(known.sum())]).astype(float)
     height, kept = floor[known], np.ones(known.sum(), bool)
     plane = np.zeros(3)
@@ -101,18 +99,20 @@ def _trend(floor: Array, known: NDArray[np.bool_], options: OutlineOptions) -> A
     return np.asarray(plane[0] * x + plane[1] * y + plane[2])
 
 
-def _sunken(points: Array, metre: float, options: OutlineOptions) -> NDArray[np.bool_]:
-    """Return which points [P, 3] lie far below those around them: wrong matches, which would take the ground down."""
+def _below_neighbours(points: Array, metre: float, options: OutlineOptions) -> NDArray[np.bool_]:
+    """Tell which points [P, 3] lie far below their neighbours, bool [P]: wrong matches, which lower the ground."""
     index = cKDTree(points[:, :2]).query(points[:, :2], min(options.stray_neighbours, len(points)))[1]
     around = points[index.reshape(len(points), -1), 2]
     return np.asarray(points[:, 2] < np.percentile(around, 30, axis=1) - options.stray_depth * metre)
 
 
 def find_outlines(points: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> list[Outline]:
-    """Find what stands on the ground and may be a building, the largest first.
+    """Find the outlines of what stands on the ground and may be a building, largest first.
 
     Args:
-        points: [P, 3] the sparse points of the scene in the local frame.
+        points: sparse points of the scene, local frame, [P, 3].
+        metre: length of a metre in the local frame.
+        options: least sizes, and planarity of roofs and walls.
     """
     import shapely
 
@@ -120,10 +120,8 @@ def find_outlines(points: Array, metre: float, options: OutlineOptions = Outline
     if len(rows) < options.least_points:
         return []
     planar = _planar(points[rows], options)
-    rows, planar = (
-        rows[planar > options.scattered],
-        planar[planar > options.scattered],
-    )  # leaves would tie houses together
+    kept = planar > options.scattered  # leaves would connect houses
+    rows, planar = rows[kept], planar[kept]
     plan = points[rows, :2]
     low = plan.min(0) - 3 * options.cell * metre
     cells = np.minimum(np.floor((plan - low) / (options.cell * metre)).astype(np.int64), 8000)
@@ -145,7 +143,7 @@ def find_outlines(points: Array, metre: float, options: OutlineOptions = Outline
 
 
 def _planar(points: Array, options: OutlineOptions) -> Array:
-    """Return how plane the surroundings of each point [P, 3] are, 0 to 1: the median of its neighbours counts."""
+    """Compute the planarity around each point [P, 3], 0 to 1: the median of that of its neighbours, [P]."""
     count = min(options.neighbours, len(points) - 1)
     index = cKDTree(points).query(points, count + 1)[1]
     offsets = points[index] - points[index].mean(1, keepdims=True)
@@ -196,7 +194,10 @@ def _fill_gaps(points: Array, cell: float, gap: int) -> tuple[NDArray[np.int64],
 def find_buildings(
     scene: Scene, config: Config, warn: Callable[[str], None] = lambda text: None
 ) -> tuple[Footprints, Placed]:
-    """Find outlines of buildings in the place of a map.
+    """Find outlines of buildings in the sparse points, for a scene without a map.
+
+    Returns:
+        The outlines as a map would have them, and as placed in the local frame.
 
     Raises:
         BadInput: nothing stands on the ground.

@@ -86,6 +86,17 @@ def make_hulls(
 def _hull(
     name: str, polygon: Any, ring: Array, inside: Array, usual: float, metre: float, options: HullOptions
 ) -> Hull:
+    """Make the hull of a footprint from the heights of the points around it and on it.
+
+    Args:
+        name: id of the footprint.
+        polygon: shapely, local frame.
+        ring: heights of the points around it.
+        inside: heights of the points on it.
+        usual: height of the ground where too few points lie around it.
+        metre: length of a metre in the local frame.
+        options: least height and number of points.
+    """
     ground = ground_of(ring) if len(ring) >= options.least_points else usual
     raised = inside[inside > ground + options.above * metre]
     if len(raised) >= options.least_points:
@@ -100,14 +111,11 @@ def _hull(
 
 
 def ground_of(heights: Array) -> float:
-    """Return the height of the ground among points on it and on what stands about: the densest height of the lower
-    half."""
+    """Estimate the height of the ground from heights of points on it and on objects: the densest of the lower half."""
     low = np.sort(heights[heights <= np.median(heights)])
     if len(low) < 4:
         return float(low[0])
-    width = (
-        len(low) // 2
-    )  # the shortest interval with half of them (Rousseeuw's least median of squares in one dimension)
+    width = len(low) // 2  # of the shortest interval with half of them: least median of squares (Rousseeuw 1984)
     spans = low[width:] - low[: len(low) - width]
     start = int(np.argmin(spans))
     return float(np.median(low[start : start + width + 1]))

@@ -137,6 +137,7 @@ def _located(scene: Scene, config: Config) -> bool:
 def _by_georeference(
     footprints: Footprints, scene: Scene, config: Config, named: str | None, warn: Callable[[str], None]
 ) -> Placed:
+    """Place footprints by control points or GPS of the photos; ``named``: CRS of the footprints, None if unknown."""
     crs = named or (_WGS84 if _degrees(footprints.polygons) else None)
     target = config.crs or (crs if crs is not None and _in_metres(crs) else AUTO)
     found = find_georeference(scene, replace(config.algorithm(GeoreferenceOptions), crs=target), warn).georeference
@@ -150,6 +151,7 @@ def _by_georeference(
 
 
 def _in_scene(footprints: Footprints, scene: Scene, config: Config, warn: Callable[[str], None]) -> Placed:
+    """Take footprints as x and y of the scene frame; the usual width of buildings tells the length of a metre."""
     found = find_georeference(scene, replace(config.algorithm(GeoreferenceOptions), crs=""), warn).georeference
     typical = float(np.median([np.sqrt(p.area) for p in footprints.polygons]))
     metre = 1.0 if found.metric else typical / 11.0
@@ -161,6 +163,7 @@ def _in_scene(footprints: Footprints, scene: Scene, config: Config, warn: Callab
 
 
 def _by_pairs(footprints: Footprints, pairs: Array, named: str | None) -> Placed:
+    """Place footprints by points known in map and scene, [N, 6] (see :func:`read_pairs`)."""
     world, scene = pairs[:, :3], pairs[:, 3:]
     offset = np.round(world.mean(0))
     matrix = umeyama(scene, world - offset)
@@ -246,7 +249,7 @@ def _in_metres(crs: str) -> bool:
 
 
 def near_scene(polygons: NDArray[np.object_], points: Array, metre: float) -> NDArray[np.bool_]:
-    """Return which footprints lie where the sparse points are, bool [N]."""
+    """Tell which footprints lie where the sparse points are, bool [N]."""
     import shapely
 
     low, high = np.percentile(points[:, :2], (0.5, 99.5), axis=0)
@@ -255,6 +258,11 @@ def near_scene(polygons: NDArray[np.object_], points: Array, metre: float) -> ND
 
 
 def _check_near(placed: Placed, footprints: Footprints, points: Array) -> None:
+    """Check that a footprint lies where the sparse points [P, 3] are.
+
+    Raises:
+        BadInput: none does; with the CRS under which they would.
+    """
     import shapely
 
     finite = np.isfinite(shapely.bounds(placed.polygons)).all(1)

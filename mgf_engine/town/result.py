@@ -31,7 +31,7 @@ from mgf_engine.town.tiles import FILE as TILESET
 from mgf_engine.town.tiles import FOLDER as TILES_FOLDER
 from mgf_engine.town.tiles import write_tiles
 from mgf_engine.town.worker import DONE, FAILED, FINISHED, JOB, RUNNING, STATUS, WAITING
-from mgf_engine.town.workflow import Wanted
+from mgf_engine.town.workflow import OptionalProducts
 
 Array = NDArray[np.float64]
 GLB, TABLE, PAGE, CITYJSON = "town.glb", "town.gpkg", "town.html", "town.city.json"
@@ -70,7 +70,7 @@ def _json(path: Path) -> dict[str, Any]:
         return {}
 
 
-def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool, wanted: Wanted) -> None:
+def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool, wanted: OptionalProducts) -> None:
     """Write ``town.glb``, ``town.gpkg``, ``town.city.json`` and 3D Tiles, and put what meshes tell into the rows.
 
     Args:

@@ -27,9 +27,9 @@ from mgf_engine.town.plan import BUILDINGS
 from mgf_engine.town.result import CITYJSON, GLB, PAGE, TABLE, TERRAIN, TERRAIN_LOG, TILES, gather, read_rows
 from mgf_engine.town.slurm import SLURM, cancel_jobs, check_slurm
 from mgf_engine.town.worker import FAILED, FINISHED, RUNNING, STATUS, STOPPED
-from mgf_engine.town.workflow import LOCAL, LOG, MOST_JOBS, Executor, Wanted, snakemake, write_config
+from mgf_engine.town.workflow import LOCAL, LOG, MOST_JOBS, Executor, OptionalProducts, snakemake, write_config
 
-_LOOK, _PAGE = 1.0, 5.0  # seconds between two looks at the jobs, and two writings of the page
+_POLL_SECONDS, _PAGE_SECONDS = 1.0, 5.0  # between two looks at the jobs, and between two writings of the page
 MOST_FACES = 20_000
 
 
@@ -80,13 +80,18 @@ def town_command(args: argparse.Namespace, user_options: dict[str, Any]) -> int:
         if args.plan_only:
             return EXIT_DONE
         clean_status(args.out, ready)
-        wanted = Wanted(not args.no_terrain, not args.no_solids)
+        wanted = OptionalProducts(not args.no_terrain, not args.no_solids)
         memory = write_config(args.out, executor, wanted, len(ready), len(plan.scene.views), user_options)
         code = run_jobs(args.out, executor, memory)
         return finish(args.out, code, args.faces_per_building, args.tiles, wanted)
 
 
 def _check(args: argparse.Namespace) -> Executor:
+    """Check the arguments, and that Snakemake can run.
+
+    Raises:
+        BadInput: an argument is impossible, or a program is missing.
+    """
     if args.cores < 0 or args.faces_per_building < 100 or args.jobs < 1:
         raise BadInput("--cores must be 0 or more, --jobs 1 or more, and --faces-per-building 100 or more.")
     if importlib.util.find_spec("snakemake") is None:
@@ -169,10 +174,10 @@ def _watch(town: Path, process: subprocess.Popen[bytes]) -> None:
                 shown.update(table(rows))
             else:
                 _say_changes(rows, said)
-            if time.monotonic() - written > _PAGE:
+            if time.monotonic() - written > _PAGE_SECONDS:
                 write_page(town / PAGE, town, rows, refresh=5)
                 written = time.monotonic()
-            time.sleep(_LOOK)
+            time.sleep(_POLL_SECONDS)
 
 
 def _say_changes(rows: list[dict[str, Any]], said: dict[str, str]) -> None:
@@ -206,7 +211,7 @@ def table(rows: list[dict[str, Any]]) -> Any:
     return shown
 
 
-def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: Wanted) -> int:
+def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: OptionalProducts) -> int:
     """Gather the results, print the table, and say what failed.
 
     Args:

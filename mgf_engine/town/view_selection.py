@@ -104,8 +104,8 @@ class ViewSelection:
     """The photos of one building.
 
     Attributes:
-        photos: indices of the views, the most telling first.
-        share: mean share of a photo that its hull fills, what hides it taken off.
+        photos: indices of the views in the order of choice: the one that shows most first.
+        share: mean share of a photo that the visible part of its hull fills.
         pixel: size of a pixel on the building in metres, median of the photos.
         seen: share of the spots of walls and roof that two photos or more see.
         candidates: number of photos that see it at all.
@@ -166,8 +166,8 @@ def choose_photos(
 ) -> ViewSelection:
     """Choose the photos worth using for a hull: together they see as much of it as possible, near and face on.
 
-    Each photo is taken for what it adds to the spots of the hull: the cosine of the angle it sees them under times its
-    resolution there, over that of the best photo, less for spots that photos taken before show already.
+    Photos are chosen greedily by what each adds: the sum over the spots of the hull that it shows of the cosine of the
+    viewing angle times its resolution there, relative to the best photo, and less for spots already shown.
 
     Args:
         town: photos and hulls.
@@ -178,18 +178,18 @@ def choose_photos(
     hull, metre = town.hulls[number], town.metre
     low = max(hull.low, hull.low + 0.1 * (hull.high - hull.low))
     spots, normals = samples(hull.polygon, low, hull.high, options.spacing * metre)
-    outside = _towards_neighbours(spots + options.party_wall * metre * normals, hull, town.hulls)
+    outside = _inside_neighbours(spots + options.party_wall * metre * normals, hull, town.hulls)
     spots, normals = spots[~outside], normals[~outside]
     places = town.normalised(spots)
     turned = town.normalised(spots + normals * metre) - places
-    seen = _look(town.scene, town.drawn, number, places, turned, options)
+    seen = _measure_visibility(town.scene, town.drawn, number, places, turned, options)
     candidates = int((seen.shares > 0).sum())
     worth = (seen.shares >= options.least_share) & (seen.quality > 0).any(1)
     if not worth.any():
         return ViewSelection([], 0.0, 0.0, 0.0, candidates)
     quality = seen.quality / max(float(np.percentile(seen.quality[seen.quality > 0], 90)), 1e-12)
     quality = np.minimum(quality, 1.5) * worth[:, None]
-    chosen = _most_telling(quality, min(most, int(worth.sum())), options.decay)
+    chosen = _choose_greedily(quality, min(most, int(worth.sum())), options.decay)
     twice = float(((quality[chosen] > 0).sum(0) >= 2).mean())
     return ViewSelection(
         chosen, float(seen.shares[chosen].mean()), float(np.median(seen.pixels[chosen])), twice, candidates
@@ -197,7 +197,7 @@ def choose_photos(
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Visibility:
     """What the photos show of a hull.
 
     Attributes:
@@ -211,18 +211,23 @@ class _Seen:
     pixels: Array
 
 
-def _look(
+def _measure_visibility(
     scene: Scene, drawn: HullBuffers, number: int, places: Array, turned: Array, options: BuildingViewOptions
-) -> _Seen:
+) -> _Visibility:
     """Measure how well each photo sees the spots of a hull.
 
     Args:
-        places: of the spots, normalised frame, [S, 3]; turned: their normals, a metre long, [S, 3].
+        scene: photos and cameras.
+        drawn: the hulls as the photos see them.
+        number: of the hull.
+        places: of the spots, normalised frame, [S, 3].
+        turned: their normals, a metre long, [S, 3].
+        options: steepest angle and tolerance of the depth.
     """
     length = np.linalg.norm(turned[0])  # of a metre
     normals = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     count = len(scene.views)
-    seen = _Seen(np.zeros((count, len(places))), np.zeros(count), np.full(count, np.inf))
+    seen = _Visibility(np.zeros((count, len(places))), np.zeros(count), np.full(count, np.inf))
     for index, view in enumerate(scene.views):
         owner, small = drawn.owner[index], drawn.views[index]
         seen.shares[index] = float((owner == number).mean())
@@ -241,9 +246,14 @@ def _look(
     return seen
 
 
-def _most_telling(quality: Array, count: int, decay: float) -> list[int]:
-    """Return photos in the order of what each adds to those before it; a spot that a photo shows is worth less to the
-    next."""
+def _choose_greedily(quality: Array, count: int, decay: float) -> list[int]:
+    """Choose ``count`` photos greedily by what each adds; a spot that a photo shows counts less for the next ones.
+
+    Args:
+        quality: how well each photo shows each spot, [V, S].
+        count: number of photos.
+        decay: factor on the gain of a spot for each photo that shows it.
+    """
     chosen = list[int]()
     gain = np.ones(quality.shape[1])
     while len(chosen) < count:
@@ -255,8 +265,8 @@ def _most_telling(quality: Array, count: int, decay: float) -> list[int]:
     return chosen
 
 
-def _towards_neighbours(points: Array, hull: Hull, hulls: Sequence[Hull]) -> NDArray[np.bool_]:
-    """Return which points [S, 3] (local frame) lie in the footprint of another hull."""
+def _inside_neighbours(points: Array, hull: Hull, hulls: Sequence[Hull]) -> NDArray[np.bool_]:
+    """Tell which points [S, 3] (local frame) lie in the footprint of another hull, bool [S]."""
     import shapely
 
     around = shapely.MultiPoint(points[:, :2]).envelope

@@ -48,15 +48,15 @@ class Executor:
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What is made beside the buildings themselves."""
+class OptionalProducts:
+    """Whether terrain and solids are made, too."""
 
     terrain: bool = True
     solids: bool = True
 
 
 def write_config(
-    town: Path, executor: Executor, wanted: Wanted, buildings: int, photos: int, user_options: dict[str, Any]
+    town: Path, executor: Executor, wanted: OptionalProducts, buildings: int, photos: int, user_options: dict[str, Any]
 ) -> int:
     """Write what the Snakefile wants to know.
 

@@ -21,7 +21,7 @@ from mgf_engine.system import write_json
 from mgf_engine.town.result import read_rows
 from mgf_engine.town.run import finish
 from mgf_engine.town.worker import DONE, STATUS, run_building, worth_retrying
-from mgf_engine.town.workflow import Wanted
+from mgf_engine.town.workflow import OptionalProducts
 
 
 def plan(source: Path, town: Path) -> int:
@@ -97,7 +97,7 @@ def test_a_disk_full_at_every_file_that_comes_back(
         disk.attempt.clear()
         try:
             with disk():
-                assert finish(town, 0, 1000, True, Wanted(False, False)) == 0
+                assert finish(town, 0, 1000, True, OptionalProducts(False, False)) == 0
         except OSError as error:
             code, said = explain(error, resumable=False)
             assert code == 2 and said.startswith(f"The disk of '{town}")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mgf_engine.system import write_json
-from mgf_engine.town.workflow import Executor, Wanted, snakemake_arguments, write_config
+from mgf_engine.town.workflow import Executor, OptionalProducts, snakemake_arguments, write_config
 
 #: Snakemake's command line that waits, in the place of the real one, and says how it ended.
 _WAITING = """
@@ -51,7 +51,7 @@ def test_a_second_attempt_adds_to_what_the_first_one_wrote(tmp_path: Path, attem
         (folder / name).write_text("{}")
     row = {"id": "left", "state": "ready", "estimate": {"bytes": 4e8}, "photos": []}
     write_json(tmp_path / "buildings.json", {"buildings": [row]})
-    write_config(tmp_path, Executor(), Wanted(False, solids), 1, 20, {"threads": 2})
+    write_config(tmp_path, Executor(), OptionalProducts(False, solids), 1, 20, {"threads": 2})
     command = [
         sys.executable,
         "-m",

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Predict the capacity of tile lists on the GPU, before their length is known.
 
-The number of entries is found on the card; to wait for it in the iteration it belongs to would leave the card idle. So
-the host takes room from what earlier renderings of as many tiles needed. A rendering that needs more than its room
-draws nothing and has no gradients (``csrc/cuda/lists.cu``); the next but one has more.
+The number of entries is computed on the GPU; waiting for it in the same iteration would leave the GPU idle. The host
+predicts the capacity instead, from the entries that earlier renderings with the same number of tiles needed. A
+rendering that needs more draws nothing and has no gradients (``csrc/cuda/lists.cu``); the next but one gets more.
 
-Which answers a rendering goes by depends on its number alone, never on what happens to have arrived: all but that of
-the rendering before it. So the same iterations are lost in every run with one seed.
+A prediction uses the results of all earlier renderings but the last, whether or not that has arrived: the same
+iterations are lost in every run with one seed.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from typing import Any
 
 _SPARE = 2.0  # times what was needed most
 _KEPT = 0.999  # of that, from one rendering to the next: a photo comes again within some hundred, and half is spare
-_STEP = 1 << 14  # rooms are whole steps, so that memory of one iteration fits the next
-_AHEAD = 1  # renderings whose answers are left alone
+_STEP = 1 << 14  # capacities are multiples of it, so that memory of one iteration fits the next
+_AHEAD = 1  # number of last renderings whose results are not used
 MOST = 2**31 - 2  # entries have 32-bit numbers
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """A rendering that was started: what will tell (entries needed, entries listed), and what it was given."""
+    """A rendering that was started: a function that waits for (entries needed, entries listed), and its capacity."""
 
     answer: Callable[[], Sequence[int]]
     room: int
@@ -34,12 +34,12 @@ class _Asked:
 
     @property
     def needed(self) -> int:
-        """Waits for the answer."""
+        """Number of entries needed; waits for it."""
         return self.answer()[0]
 
 
 class TileListCapacity:
-    """Chooses the room of renderings that do not wait; others neither use nor change it."""
+    """Predicts the capacity of renderings that do not wait; others neither use nor change it."""
 
     def __init__(self) -> None:
         self._lost = 0
@@ -48,12 +48,12 @@ class TileListCapacity:
 
     @property
     def lost(self) -> int:
-        """Renderings so far that drew nothing for want of room; waits for those that are on their way."""
+        """Number of renderings so far that drew nothing for lack of capacity; waits for those in progress."""
         return self._lost + sum(asked.needed > asked.room for asked in self._asked)
 
     def take(self, gaussians: int, tiles: int) -> int:
         """Return the capacity of the lists for a rendering of N Gaussians into T tiles; 0: not known, wait."""
-        self._hear()
+        self._collect_results()
         if tiles not in self._per_gaussian:
             return 0
         steps = int(_SPARE * self._per_gaussian[tiles] * gaussians) // _STEP + 1
@@ -69,7 +69,7 @@ class TileListCapacity:
 
         Args:
             answer: waits for entries needed and entries listed.
-            room: that the rendering was given, in entries.
+            room: capacity that the rendering was given, entries.
             gaussians: their number.
             tiles: their number.
         """
@@ -90,15 +90,15 @@ class TileListCapacity:
         most = {int(tiles): float(entries) for tiles, entries in found["per_gaussian"]}
         asked = [[int(number) for number in numbers] for numbers in found["asked"]]
         if not all(0 <= entries <= MOST for entries in most.values()) or any(len(numbers) != 4 for numbers in asked):
-            raise ValueError("no state of a room")
+            raise ValueError("no state of a tile-list capacity")
         self._lost, self._per_gaussian = int(found["lost"]), most
         self._asked = [_Asked(partial(tuple, numbers[:1]), *numbers[1:]) for numbers in asked]
 
-    def _hear(self) -> None:
-        """Take in all answers but the last.
+    def _collect_results(self) -> None:
+        """Learn from all results but the last.
 
-        To wait for them does not make the card run dry: the host is a whole rendering and its gradients ahead of them,
-        and the card has those to do meanwhile.
+        Waiting for them does not leave the GPU idle: the host is a rendering and its gradients ahead, which the GPU
+        computes meanwhile.
         """
         while len(self._asked) > _AHEAD:
             first = self._asked.pop(0)
