@@ -96,8 +96,10 @@ def _openings(survey: Survey, regions: Regions, options: ElevationOptions, photo
 
 
 def _is_within(chain: Chain, boxes: list[Array], slack: float) -> bool:
-    """Tell whether a chain lies in one of some rectangles, or so near to it that it is its frayed border: a loop by
-    most of its length, since it may have a spur."""
+    """Tell whether a chain lies in a rectangle or within ``slack`` of it, so that it is its frayed border.
+
+    Of a closed chain, which may have a spur, only most of the corners have to.
+    """
     shares = [((chain.corners >= box[:2] - slack) & (chain.corners <= box[2:] + slack)).all(1).mean() for box in boxes]
     return max(shares, default=0.0) >= (_LOOP_WITHIN if chain.closed else 1.0)
 
@@ -137,7 +139,7 @@ def classify(
 
 
 def _is_opening(chain: Chain, kind: str) -> bool:
-    """Tell whether a border runs around something within a surface, such as a window, a door or a bay."""
+    """Tell whether a border is a loop within a surface, as of a window, a door or a bay."""
     return kind in (STEP, DETAIL) and chain.ends[0] == chain.ends[1]
 
 

@@ -70,9 +70,15 @@ def find_facades(survey: Survey, options: FacadeOptions = FacadeOptions()) -> li
 
 
 def _is_side(survey: Survey, facade: Facade, largest: float, options: FacadeOptions) -> bool:
-    """Tell whether a plane is a side of the building: the largest one is, others fill some of what is seen from there.
+    """Tell whether a facade is drawn: the one with the largest plane, or one whose plane fills enough of its elevation.
 
     Narrow faces of turrets, buttresses and frayed corners add up to a direction, but none of them is a wall to draw.
+
+    Args:
+        survey: mesh in the local frame.
+        facade: a direction and its largest plane.
+        largest: area of the largest plane of all facades.
+        options: least share of the elevation.
     """
     area = float(survey.areas[facade.wall].sum())
     return area >= largest or area >= options.least_share * float(np.prod(facade.frame.size))

@@ -79,12 +79,12 @@ def in_crs(frame: Frame, survey: Survey) -> bool:
 
 
 def frame_tags(frame: Frame, survey: Survey) -> dict[str, str]:
-    """Return where the drawing's plane lies in the world: a point of the file is ``ORIGIN + x X_AXIS + y Y_AXIS``."""
+    """Return the tags that place a drawing in the world: a point (x, y) of it is ``ORIGIN + x X_AXIS + y Y_AXIS``."""
     vectors = {"X_AXIS": frame.x, "Y_AXIS": frame.y, "NORMAL": frame.normal}
-    told = {name: _numbers(vector @ survey.turn) for name, vector in vectors.items()}
+    axes = {name: _numbers(vector @ survey.turn) for name, vector in vectors.items()}
     origin = frame.to_local(np.append(-file_shift(frame, survey), 0.0))
     return {
-        "ORIGIN": _numbers(survey.world(origin)), **told,
+        "ORIGIN": _numbers(survey.world(origin)), **axes,
         "CRS": survey.georeference.crs or "scene", "UNIT": survey.georeference.unit,
     }  # fmt: skip
 

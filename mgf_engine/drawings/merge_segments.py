@@ -14,7 +14,13 @@ Array = NDArray[np.float64]
 def merge_segments(
     segments: list[tuple[Array, Array]], pixel: float, options: StraightenOptions = StraightenOptions()
 ) -> list[tuple[Array, Array]]:
-    """Merge segments (start and end, [2] each) on one line that touch or overlap."""
+    """Merge segments on one line that touch or overlap.
+
+    Args:
+        segments: start and end of each, [2].
+        pixel: a ground pixel, which a gap may have.
+        options: largest angle and distance of segments on one line.
+    """
     merged = [s for s in segments if np.hypot(*(s[1] - s[0])) > 1e-9]
     changed = True
     while changed:
@@ -25,6 +31,7 @@ def merge_segments(
 def _merged_once(
     segments: list[tuple[Array, Array]], pixel: float, options: StraightenOptions
 ) -> tuple[bool, list[tuple[Array, Array]]]:
+    """Merge each segment, longest first, with those on its line; also tell whether any were merged."""
     segments = sorted(segments, key=lambda s: -float(np.hypot(*(s[1] - s[0]))))
     taken, result, changed = np.zeros(len(segments), bool), list[tuple[Array, Array]](), False
     if not segments:

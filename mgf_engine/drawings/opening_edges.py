@@ -118,10 +118,10 @@ def move_edges(
 
 
 def wall_side_edge(gradient: Array, offsets: Array, options: OpeningEdgeOptions = OpeningEdgeOptions()) -> float:
-    """Return where a mean gradient [n] has the edge; 0, the mesh's edge, where it has none.
+    """Find the offset of an edge in a mean gradient [n]; 0, the mesh's edge, if it shows none.
 
-    Of the maxima that fall off towards the wall, the one counts whose height, times a normal distribution around the
-    expected place, is largest. The edge lies where it has fallen to a half, less the blur of the photos.
+    Of the maxima that fall off towards the wall, the one is chosen whose height, times a normal distribution around
+    the expected place, is largest. The edge lies where it has fallen to a half, less the blur of the photos.
 
     Args:
         gradient: at ``offsets``.

@@ -127,7 +127,7 @@ def _edges(share: NDArray[np.float32], box: tuple[int, int, int, int], reach: in
 
 
 def _crossings(profile: NDArray[np.float32]) -> tuple[float, float]:
-    """Return where a profile [n] last crosses a half on both ways out of its middle, in pixels."""
+    """Find the positions left and right of its middle at which a profile [n] first crosses a half, in pixels."""
     middle = len(profile) // 2
     if profile[middle] < 0.5:
         return float(middle), float(middle)

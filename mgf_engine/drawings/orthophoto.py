@@ -27,23 +27,28 @@ RIM = 1e-3  # what a photo counts where the point lies within a pixel of an outl
 
 
 class Visibility:
-    """Which points each photo of a painting shows; what a view sees is looked at once and kept."""
+    """Tells which points each photo of a painting shows; the depth map of a view is rendered once and kept."""
 
     def __init__(self, survey: Survey, painting: Painting) -> None:
         self._survey, self._painting = survey, painting
         self._kept: dict[int, tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]] = {}
 
     def __call__(self, view: int, points: Array, normals: Array) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return how large a view shows points (normalised frame, [n, 3]), and which it shows clear of any outline,
-        [n].
+        """Measure the size of points in a view, and tell which it shows away from outlines.
 
-        Sizes are pixels squared per unit of area, 0 where a point is not shown, and :data:`RIM` times that where it is
-        not clear: within a pixel of the building's outline or of something nearer.
+        Args:
+            view: position among the views of the painting.
+            points: [n, 3], normalised frame.
+            normals: of the surface there, unit [n, 3].
+
+        Returns:
+            Size in pixels squared per unit of area, 0 for points that are not shown, :data:`RIM` times that within a
+            pixel of the building's outline or of something nearer, [n]; and which points are away from those, bool [n].
         """
         camera = self._painting.views[view]
         border, hidden = self._painting.visibility.border, self._painting.visibility.hidden
         at, depth, inside = camera.project_into_frame(points, border)
-        nearest, farthest, shown = self._looked(view)
+        nearest, farthest, shown = self._depth_range(view)
         column, row = np.where(inside[:, None], at, 0).astype(np.int64).T
         ray = camera.centre - points
         facing = (ray * normals).sum(1) / np.maximum(np.linalg.norm(ray, axis=1), 1e-300)
@@ -53,9 +58,15 @@ class Visibility:
         size = facing * (camera.fx / np.where(inside, depth, 1.0)) ** 2
         return np.where(inside, np.where(clear, size, RIM * size), 0.0), inside & clear
 
-    def _looked(self, view: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-        """Return the least and largest depth within a pixel, and 2 where all there is building, 1 where some is; [H, W]
-        each."""
+    def _depth_range(self, view: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+        """Return the least and largest depth within a pixel, and 2 if all pixels there are building, 1 if one is.
+
+        Args:
+            view: position among the views of the painting.
+
+        Returns:
+            three maps, [H, W] each.
+        """
         if view not in self._kept:
             camera, labels = self._painting.views[view], self._survey.masks.labels[self._painting.chosen[view]]
             depth, mask = render_mesh(self._survey.normalised, camera).depth, building(labels).astype(np.uint8)
@@ -136,15 +147,15 @@ def _shown(
     turned = survey.normals @ (survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T)
     face, size, clear = seen.face.ravel(), np.empty(len(pixel)), np.empty(len(pixel), bool)
     for start in range(0, len(pixel), 1 << 20):
-        some = pixel[start : start + (1 << 20)]
-        points = survey.normalise(seen.points(some))
-        part = slice(start, start + len(some))
-        size[part], clear[part] = visibility(view, points, turned[face[some]])
+        chunk = pixel[start : start + (1 << 20)]
+        points = survey.normalise(seen.points(chunk))
+        part = slice(start, start + len(chunk))
+        size[part], clear[part] = visibility(view, points, turned[face[chunk]])
     return size, clear
 
 
 def _correction(survey: Survey, painting: Painting, face: NDArray[np.int32], view: int, points: Array) -> Array:
-    """Return what is added to a photo's colours at points [n, 3] on faces [n], so that seams vanish, [n, 3]."""
+    """Return the seam corrections of a photo's colours at points [n, 3] on faces [n], [n, 3]."""
     own = painting.label[face] == view
     result = np.zeros((len(face), 3))
     corners = survey.normalised.vertices[survey.normalised.faces[face[own]]]
@@ -163,7 +174,7 @@ def _weights(corners: Array, points: Array) -> Array:
 
 
 def unseen_text(name: str, image: NDArray[np.uint8], seen: GridBuffers, least: float = 0.5) -> str | None:
-    """Return what is to be said of an orthophoto that photos hardly show; None where they show enough.
+    """Return a warning of an orthophoto most of which no photo shows; None if photos show enough.
 
     Args:
         name: of the facade.

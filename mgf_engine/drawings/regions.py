@@ -113,7 +113,7 @@ def _slopes(planes: Planes, frame: Frame) -> Array:
 
 
 def _offsets(regions: Regions, seen: GridBuffers, label: int, box: tuple[slice, slice]) -> NDArray[np.float32]:
-    """Return how far what pixels of a box see lies from a plane, along its normal; NaN where they see nothing."""
+    """Compute the distance of the surface at pixels of a box from a plane, along its normal; NaN without surface."""
     a, b, c = regions.slope[label - 1]
     grid, (rows, columns) = regions.grid, box
     x = grid.left + (np.arange(columns.start, columns.stop) + 0.5) * grid.resolution

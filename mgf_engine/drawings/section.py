@@ -149,7 +149,7 @@ def _resampled(path: Array, spacing: float) -> Array:
 
 
 def _areas(rings: list[Array], least: float) -> list[Area]:
-    """Return what lies inside an odd number of rings."""
+    """Return the areas inside an odd number of rings (even-odd rule), those of at least ``least`` square units."""
     from shapely import MultiPolygon, Polygon
 
     polygons = [Polygon(ring).buffer(0) for ring in rings if len(ring) > 3]

@@ -69,7 +69,7 @@ def fitting_scale(size: NDArray[np.float64], paper: str) -> float:
 
 
 def north_in(survey: Survey, frame: Frame) -> NDArray[np.float64] | None:
-    """Return where north is in a drawing from above, unit [2]; None in others, and where nobody knows."""
+    """Return the direction of north in a drawing from above, unit [2]; None in others, and if it is unknown."""
     if frame.normal[2] < 0.5 or not survey.georeference.north_known:
         return None
     return np.array([frame.x[1], frame.y[1]])
@@ -137,7 +137,7 @@ def write_sheet(path: Path, sheet: Sheet, drawing: LineDrawing, photo: tuple[NDA
 
 
 def _hatched(area: Area) -> Any:
-    """Return what is cut, hatched, its holes left out."""
+    """Make the hatched patch of a cut area without its holes."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 

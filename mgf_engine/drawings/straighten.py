@@ -153,7 +153,7 @@ def douglas_peucker(points: Array, tolerance: float) -> list[int]:
 
 
 def crossing(runs: list[Run], place: Array, pixel: float, options: StraightenOptions = StraightenOptions()) -> Array:
-    """Return where lines meet near a place [2]: of least squares, level, upright and known lines before others.
+    """Find the point where lines meet near a place [2], by least squares; level, upright and known lines weigh more.
 
     Args:
         runs: lines that meet there.

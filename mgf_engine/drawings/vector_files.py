@@ -19,7 +19,7 @@ _ANSI31 = 3.175  # millimetres between those of the pattern ANSI31
 
 
 def file_shift(frame: Frame, survey: Survey) -> Array:
-    """Return what is added to drawing coordinates [2] in files: the CRS's easting and northing, or heights."""
+    """Return the offset of drawing coordinates in files, [2]: easting and northing of the CRS, or height."""
     east, north, height = survey.georeference.offset
     if frame.normal[2] > 0.5:
         return np.array([east, north]) if frame.x[0] > 0.999999 else np.zeros(2)

@@ -84,7 +84,7 @@ def write_sheet_files(
 
 
 def _facts_of(work: Work, photo: tuple[NDArray[np.uint8], Grid] | None) -> str:
-    """Return what a sheet says of its coordinates, lengths and pixels."""
+    """Return a sheet's note on coordinates, lengths and size of a pixel."""
     survey = work.survey
     facts = [survey.georeference.crs or "", "" if survey.georeference.metric else "lengths in units of the scene"]
     if photo is not None:
@@ -152,7 +152,7 @@ def write_orthophoto(work: Work, image: NDArray[np.uint8], grid: Grid) -> None:
 
 
 def index_of(work: Work) -> dict[str, Any]:
-    """Return what ``drawings.json`` holds, for Blender and scripts."""
+    """Return the content of ``drawings.json``, for Blender and scripts."""
     survey = work.survey
     facades = [
         {

@@ -164,7 +164,7 @@ def _accuracy(table: Table, row: int, column: int | None) -> float | None:
 
 
 def _crs_in(notes: list[str]) -> str:
-    """Return what a comment like Metashape's ``CoordinateSystem: …`` says."""
+    """Return the CRS that a comment like Metashape's ``CoordinateSystem: …`` names; empty without one."""
     return next((n.split(":", 1)[1].strip() for n in notes if n.lower().startswith(("coordinatesystem:", "crs:"))), "")
 
 

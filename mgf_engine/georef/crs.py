@@ -118,7 +118,7 @@ class Projection:
         return str(self.crs.area_of_use.name).rstrip(".") if self.crs.area_of_use is not None else "unknown"
 
     def heights(self) -> tuple[str, str]:
-        """Return what heights of the CRS are, and a sentence where a grid for them is missing, else empty."""
+        """Return the kind of the heights of the CRS, and a warning if the grid for them is missing, else empty."""
         if not self.vertical or self.crs.is_geographic:
             return "ellipsoidal", ""
         with warnings.catch_warnings():

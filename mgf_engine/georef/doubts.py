@@ -64,7 +64,7 @@ def _outside_text(at: Array, projection: Projection) -> str:
 
 
 def _mistake(at: Array, fits: Callable[[Array], bool]) -> str | None:
-    """Return what was done to coordinates [N, 3] that would fit without it: exchanged columns, or feet."""
+    """Return a sentence on the mistake without which coordinates [N, 3] would fit: exchanged columns, or feet."""
     for names, columns in _EXCHANGED.items():
         if fits(at[:, columns]):
             return f"{names} of the control points seem swapped; exchange the two columns."
@@ -87,7 +87,7 @@ def _far_text(at: Array, projection: Projection, photos: Array, away: float) -> 
 
 
 def _siblings(name: str) -> list[tuple[str, str]]:
-    """Return what is another, and the name: the UTM zone of the other hemisphere, and the zones beside both."""
+    """List the UTM zones that one is easily confused with, each with what is wrong: hemisphere, zone, or both."""
     code = name.removeprefix("EPSG:")
     if not code.isdecimal():
         return []

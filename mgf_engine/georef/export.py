@@ -57,7 +57,7 @@ def write_georeferenced(
 
 
 def comments(georeference: Georeference) -> list[str]:
-    """Return what the coordinates are, for the heads of files, in ASCII."""
+    """Describe the coordinates for the headers of files, in ASCII."""
     x, y, z = georeference.offset
     axes = "x east, y north, z up" if georeference.north_known else "z up"
     lines = [f"local coordinates in metres, {axes}"]

@@ -172,7 +172,7 @@ def _upside_down(matrix: Array, up: Array | None) -> bool:
 def _misfit_text(
     source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None, options: ControlPointOptions
 ) -> str:
-    """Return what is wrong with points that do not fit: swapped axes, heights, or marks and names."""
+    """Return a sentence on why points do not fit: swapped axes, heights, or marks and names."""
     matrix, fits = _fit(source, target, sd, options)
     mirrored, swapped = _fit(source, target[:, [1, 0, 2]], sd, options)
     if 2 * swapped.sum() > len(points) and swapped.sum() >= fits.sum() and not _upside_down(mirrored, up):
@@ -193,7 +193,7 @@ def _misfit_text(
 
 
 def mark_error(scene: Scene, placed: Placed, sd: float) -> float:
-    """Return how far marks with errors of ``sd`` pixels of the photos as taken move a point, normalised units."""
+    """Estimate the error of a point, normalised units, from errors of its marks of ``sd`` px of the photos as taken."""
     kept = [mark.view for mark, ok in zip(placed.marks, placed.good, strict=True) if ok]
     views = [scene.views[index] for index in kept]
     pixel = [np.linalg.norm(placed.position - v.centre) / v.fx * v.width / v.original_width for v in views]

@@ -106,7 +106,7 @@ def number_in(text: str) -> float | None:
 
 
 def _separator(lines: list[str]) -> str:
-    """Return what parts the fields: the strictest sign that most lines hold."""
+    """Detect the delimiter of the fields: semicolon, tab or comma if most lines hold it, else a space."""
     for sign in (";", "\t", ","):
         if lines and sum(sign in line for line in lines) > len(lines) / 2:
             return sign

@@ -128,16 +128,17 @@ def _shrunk(texture: Texture, pixels: int, options: AtlasOptions) -> Texture:
 
 
 def _colors(points: Array, surface: Surface, texture: Texture) -> NDArray[np.uint8]:
-    """Return what the texture of a surface shows at the places nearest to points [n, 3], RGB uint8 [n, 3]."""
+    """Look up the texture of a surface at its points nearest to points [n, 3], RGB uint8 [n, 3]."""
     _, face, spot = surface.closest(points)
     return colors_at(spot, face, surface, texture)
 
 
 def colors_at(spot: Array, face: NDArray[np.integer], surface: Surface, texture: Texture) -> NDArray[np.uint8]:
-    """Return what the texture of a surface shows at points on it, RGB uint8 [n, 3].
+    """Look up the texture of a surface at points on it, RGB uint8 [n, 3].
 
     Args:
-        spot: the points, [n, 3]; face: which face each lies on, [n].
+        spot: the points, [n, 3].
+        face: which face each lies on, [n].
         surface: the mesh.
         texture: of the mesh.
     """

@@ -94,7 +94,7 @@ def _read_centimetres(flag: str, text: str | None) -> float | None:
 
 
 def read_kinds(text: str) -> tuple[str, ...]:
-    """Return what to make.
+    """Parse the argument of ``--only``, kinds of models separated by commas.
 
     Raises:
         BadInput: it names something else.

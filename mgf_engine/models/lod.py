@@ -55,7 +55,9 @@ class Deviation:
     """Distances between two surfaces, from each to the other, in their unit.
 
     Attributes:
-        rms: root mean square; p90, p95: what 90 and 95 % stay below; largest: of all samples.
+        rms: root mean square.
+        p90, p95: 90th and 95th percentile.
+        largest: maximum of all samples.
     """
 
     rms: float
@@ -163,18 +165,18 @@ def silhouette_overlap(one: Mesh, other: Mesh) -> float:
     middle = 0.5 * (one.vertices.min(0) + one.vertices.max(0))
     reach = float(np.linalg.norm(one.vertices - middle, axis=1).max()) * 1.05
     least = 1.0
-    for x, y in _sights():
+    for x, y in _silhouette_axes():
         seen = [_outline(mesh.vertices - middle, mesh.faces, np.stack([x, y]) / reach) for mesh in (one, other)]
         least = min(least, float((seen[0] & seen[1]).sum() / max(int((seen[0] | seen[1]).sum()), 1)))
     return least
 
 
-def _sights() -> list[tuple[Array, Array]]:
-    """Return axes to the right and up of each direction."""
+def _silhouette_axes() -> list[tuple[Array, Array]]:
+    """Return the axes to the right and up of the pictures of a silhouette: level ones, and one from above."""
     up = np.array([0.0, 0.0, 1.0])
     angles = np.pi * np.arange(_DIRECTIONS // 2) / (_DIRECTIONS // 2)  # the other side shows the same outline
-    sights = [(np.array([np.cos(a), np.sin(a), 0.0]), up) for a in angles]
-    return [*sights, (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))]
+    level = [(np.array([np.cos(a), np.sin(a), 0.0]), up) for a in angles]
+    return [*level, (np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))]
 
 
 def _outline(points: Array, faces: NDArray[np.int32], axes: Array) -> NDArray[np.bool_]:

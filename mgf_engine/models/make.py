@@ -131,7 +131,7 @@ def _solid(work: Work) -> None:
 
 
 def _index(work: Work) -> dict[str, Any]:
-    """Return what ``models.json`` holds, for Blender and scripts."""
+    """Return the content of ``models.json``, for Blender and scripts."""
     survey = work.survey
     to_scene = np.eye(4)
     to_scene[:3, 3] = survey.georeference.scene(np.zeros(3))

@@ -37,7 +37,7 @@ def models_html(work: Work) -> str:
 
 
 def _note(facts: dict[str, Any]) -> str:
-    """Return what else is known about a file, in words."""
+    """Return the last column of the table: what matters most about a file of its kind."""
     if facts["kind"] == "lod":
         return f"outline overlaps by {100 * facts['silhouette']:.1f} %"
     if "unseen" in facts:

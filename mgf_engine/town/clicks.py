@@ -188,7 +188,7 @@ def _mesh(town: HullScene, polygon: object, low: float, high: float) -> Mesh:
 
 
 def _depth(region: Bools) -> NDArray[np.float32]:
-    """Return how far each pixel lies inside a region, 0 outside; the frame's rim counts as outside."""
+    """Compute the distance of the pixels of a region from its edge, 0 outside; the frame's border counts as outside."""
     padded = np.pad(region, 1).astype(np.uint8)
     return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1], np.float32)
 

@@ -49,7 +49,7 @@ class PlanOptions:
 
 @dataclass(frozen=True)
 class Building:
-    """What is known of one building before its job.
+    """Plan of one building before its job.
 
     Attributes:
         hull: its prism, local frame.
@@ -143,7 +143,7 @@ def make_plan(
 
 
 def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull], options: PlanOptions) -> list[Hull]:
-    """Return what stands where the map has nothing: it hides what lies behind it, and somebody should look at it."""
+    """Make hulls of buildings that the map lacks: they hide what lies behind them, and the user should look at them."""
     import shapely
 
     taken = shapely.union_all([hull.polygon for hull in hulls]).buffer(options.beside * placed.metre)

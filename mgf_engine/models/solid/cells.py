@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The ground plan cut into convex cells along lines."""
+"""Cut the ground plan into convex cells along lines."""
 
 from __future__ import annotations
 

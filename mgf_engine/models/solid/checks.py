@@ -11,7 +11,7 @@ from mgf_engine.models.solid.model import Solid, plane_axes
 
 
 def faults_of(solid: Solid, tolerance: float) -> list[str]:
-    """Return what is wrong with a solid, in words; empty for a closed, oriented, plane-faced 2-manifold with volume."""
+    """List the faults of a solid, in words; none for a closed, oriented, plane-faced 2-manifold with volume."""
     faults, count = [], dict[tuple[int, int], int]()
     for face in solid.faces:
         for ring in face.rings:

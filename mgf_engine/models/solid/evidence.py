@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the mesh tells about a solid: heights from above, roof planes, wall lines, and where the ground is."""
+"""Evidence for a solid, measured on the mesh: heights from above, roof planes, wall lines, and the ground."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ from mgf_engine.models.solid.round_roofs import add_round_roofs
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a solid is made from; the ground plan has the axes of the local frame.
+    """Measurements that a solid is built from; the ground plan has the axes of the local frame.
 
     Attributes:
-        height: float64 [H, W] from above, NaN where nothing is seen; inside: bool [H, W], where the building stands.
+        height: float64 [H, W], from above; NaN where nothing is seen.
+        inside: bool [H, W], where the building stands.
         label: int32 [H, W], row of ``slopes`` + 1 where a pixel lies in a roof plane, else 0.
         slopes: [P, 3], roof planes ``z = a x + b y + c``.
         lines: candidates for edges of the ground plan, walls first.
@@ -63,7 +64,7 @@ def gather_evidence(
     options: EvidenceOptions = EvidenceOptions(),
     taken: shapely.Geometry | None = None,
 ) -> Evidence:
-    """Read all that the mesh tells.
+    """Measure the mesh: heights from above, roof planes, wall lines and the ground.
 
     Args:
         survey: mesh in the local frame, and what is known of it.

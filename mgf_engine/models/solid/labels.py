@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gives each cell a roof plane, or leaves it outside: the least volume between solid and mesh, and few, short steps.
+"""Assign a roof plane to each cell of the ground plan, or none outside of the building, by minimum energy.
 
-The energy is a volume: what lies between the plane of each cell and the heights of the mesh, plus the area of steps and
-the length of borders times a fraction of the detail. Alpha expansion (Boykov, Veksler, Zabih 2001) by least cuts.
+The energy is the volume between the plane of each cell and the heights of the mesh, plus the area of steps and the
+length of borders, each times a fraction of the detail. It is minimised by alpha expansion (Boykov, Veksler, Zabih
+2001).
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a solid is made of."""
+"""Data classes of a solid: plane faces with rings of corners; areas and normals of rings."""
 
 from __future__ import annotations
 
@@ -38,9 +38,11 @@ class Solid:
     """A closed polyhedron in the local frame.
 
     Attributes:
-        vertices: [N, 3]; faces: all of them.
+        vertices: [N, 3].
+        faces: all of them.
         level: 2, 3 with windows and doors, or 1 for a block with a level top where the roof was not seen.
-        ground: height of the ground; ground_from: :data:`~mgf_engine.drawings.ground.TERRAIN` or `MESH`.
+        ground: height of the ground.
+        ground_from: :data:`~mgf_engine.drawings.ground.TERRAIN` or `MESH`, which tells it.
         detail: size below which steps and offsets were left out.
         volume: in cubic units.
         deviation: of the mesh above the ground from the solid.

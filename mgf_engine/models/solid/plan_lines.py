@@ -29,6 +29,7 @@ class Line2:
 
     @property
     def along(self) -> Array:
+        """Unit direction of the line, [2]."""
         return np.array([-self.normal[1], self.normal[0]])
 
 
@@ -134,7 +135,7 @@ def _turned(lines: list[Line2], detail: float, options: EvidenceOptions) -> list
 
 
 def merge_lines(lines: list[Line2], detail: float, options: EvidenceOptions = EvidenceOptions()) -> list[Line2]:
-    """Return lines less than a detail apart made one, the heavier ones first."""
+    """Merge lines less than a detail apart, the ones with the largest weight first."""
     kept: list[Line2] = []
     for line in sorted(lines, key=lambda each: -each.weight):
         for k, other in enumerate(kept):
@@ -154,8 +155,13 @@ def merge_lines(lines: list[Line2], detail: float, options: EvidenceOptions = Ev
 
 
 def distance_between(line: Line2, other: Line2, options: EvidenceOptions = EvidenceOptions()) -> float:
-    """Return how far a line's extent lies from another line; inf where they are not parallel or lie beside each
-    other."""
+    """Compute the mean distance of the ends of a line from another line; inf if not parallel or not overlapping.
+
+    Args:
+        line: whose ends are measured.
+        other: the line.
+        options: largest angle between parallel lines.
+    """
     if abs(float(line.normal @ other.normal)) < np.cos(np.radians(options.same_angle)):
         return np.inf
     ends = [line.normal * line.offset + line.along * t for t in (line.low, line.high)]
