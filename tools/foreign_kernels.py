@@ -22,7 +22,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from foreign.remote import EMULATORS, PACKAGES, emulator_of, exported  # noqa: E402
 
-#: Tests that compare kernels with plain twins, with other libraries, or with what must hold.
+#: Tests that compare kernels with references, with other libraries, or with what must hold.
 TESTS = (
     "raster/test_render_edges.py", "raster/test_adam.py", "raster/test_point_opacity.py", "field/test_losses.py",
     "model/test_topology.py", "geometry/test_rasterize.py", "mesh/test_tsdf.py", "mesh/test_photometric.py",

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find lines in space from edges that three or more photos show, and points on them with the views that saw them."""
+"""Find lines in space from straight edges of three or more photos (after Hofer et al. 2017, Line3D++).
+
+Points are placed on the lines, with the views that saw each.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The fused training loss against its float64 twin: value, every gradient, the error map."""
+"""The fused training loss against its float64 reference: value, every gradient, the error map."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ OPTIONS = replace(LossOptions(), multilevel_loss=True, boundary_loss=True)  # ev
 
 @pytest.fixture(autouse=True, scope="module")
 def _one_thread_for_torch():
-    """The twin works on small tensors, where torch's own threads cost more than they bring."""
+    """The reference works on small tensors, where torch's own threads cost more than they bring."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -93,7 +93,7 @@ def differentiate(loss, target, options, geometry, dtype, render, factor=1.0):
 
 @pytest.fixture(params=["on the CPU", "cuda"])
 def compare(request):
-    """Compares kernels with the twin: those that need no card, or those on the card."""
+    """Compares kernels with the reference: those that need no card, or those on the card."""
     if request.param == "cuda":
         try:
             find_card()
@@ -103,7 +103,7 @@ def compare(request):
 
 
 def compare_backends(backends, target, options=OPTIONS, geometry=1.0, render=None, factor=1.0):
-    """The kernels of the backends agree with the twin."""
+    """The kernels of the backends agree with the reference."""
     render = render or rendering(target)
     twin = differentiate(reference_losses.total_loss, target, options, geometry, torch.float64, render, factor)
     for backend in backends:

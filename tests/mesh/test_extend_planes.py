@@ -183,7 +183,7 @@ def test_patches_look_alike_on_the_surface_and_nowhere_else(shift):
     assert np.median(contrast) > 20
 
 
-def test_plain_photos_have_no_contrast_and_no_likeness():
+def test_plain_photos_have_no_contrast_and_no_correlation():
     wall = dented(0.0)
     photos = see_vertices(wall, np.ones(len(wall.vertices)), cameras(), lambda number: plain(cameras()[number]))
     middle = np.array([int(np.hypot(*(wall.vertices[:, :2] - 75).T).argmin())])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth maps matched between photos: the kernel against its twin, and what matching must and must not do."""
+"""Depth maps matched between photos: the kernel against its reference, and what matching must and must not do."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Flat parts lose vertices; edges, thin bars, handles and holes keep theirs. The kernel against a plain twin."""
+"""Flat parts lose vertices; edges, thin bars, handles and holes keep theirs. The kernel against a reference."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The kernels that tell what hangs together, against plain twins, on clean meshes and on soups of faces."""
+"""The kernels that tell what hangs together, against references, on clean meshes and on soups of faces."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every rasterizer test runs on every backend: the plain twin, and the C kernels in every variant this machine runs."""
+"""Every rasterizer test runs on every backend: the reference, and the C kernels in every variant this machine runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _backends() -> list[str]:
 
 @pytest.fixture(autouse=True, scope="package")
 def _one_thread_for_torch() -> Iterator[None]:
-    """The twin works on small tensors, where torch's own threads cost more than they bring."""
+    """The reference works on small tensors, where torch's own threads cost more than they bring."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield

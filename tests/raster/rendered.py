@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes for the rasterizer's tests, and the comparison of a backend with the plain twin."""
+"""Scenes for the rasterizer's tests, and the comparison of a backend with the reference."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ OUTPUTS = ("color", "alpha", "depth", "median", "normal", "distortion")
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest differences allowed between a float32 backend and the float64 twin.
+    """Largest differences allowed between a float32 backend and the float64 reference.
 
     Attributes:
-        margin: pixels where the twin is this close (relative) to a yes-or-no rule are left out of the comparison.
+        margin: pixels where the reference is this close (relative) to a yes-or-no rule are left out of the comparison.
         image: of every output, relative to max(1, largest value of that output).
         gradient: of every parameter's gradient, relative to its largest value.
 
@@ -169,7 +169,7 @@ _twins: dict[bytes, Result] = {}
 
 
 def _twin(field: Gaussians, view: Camera, weights: dict[str, Tensor], error_map: Tensor, options: dict) -> Result:
-    """The twin's result, computed once for all backends."""
+    """The reference's result, computed once for all backends."""
     inputs = [*vars(field).values(), *weights.values(), error_map]
     key = hashlib.sha256(repr((view, options)).encode())
     for tensor in inputs:
@@ -189,7 +189,7 @@ def assert_agrees(
     outputs: str = "all",
     seed: int = 0,
 ) -> Result:
-    """Outputs, gradients and statistics of the backend agree with the twin's; returns the backend's."""
+    """Outputs, gradients and statistics of the backend agree with the reference's; returns the backend's."""
     limit = TOLERANCES[tolerance]
     options = {"sh_degree": sh_degree, "tile_mask": tile_mask, "outputs": outputs}
     certain = ~reference.uncertain(field, view, sh_degree, tile_mask, limit.margin)

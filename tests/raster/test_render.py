@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rendering forward and backward on every backend, against the plain twin and against finite differences."""
+"""Rendering forward and backward on every backend, against the reference and against finite differences."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_a_loss_on_one_output_alone(backend: str, names: tuple[str, ...]) -> Non
 
 
 def test_gradients_match_finite_differences() -> None:
-    """The twin's own formulas: central differences in float64, away from every threshold."""
+    """The reference's own formulas: central differences in float64, away from every threshold."""
     field, view = gaussians(6, seed=11, log_scale=-1.0), camera(20, 18)
     certain = ~reference.uncertain(field, view, 3, None, 1e-2)
     weights = random_weights(view, OUTPUTS, 0, certain)
@@ -82,7 +82,7 @@ def test_gradients_match_finite_differences() -> None:
 
 
 def test_kernel_gradients_match_differences_of_the_twin(variant: str) -> None:
-    """A step along the kernels' gradient changes the twin's loss by as much as the gradient says."""
+    """A step along the kernels' gradient changes the reference's loss by as much as the gradient says."""
     field, view = gaussians(40, seed=5), camera()
     certain = ~reference.uncertain(field, view, 3, None, 2e-2)
     weights = random_weights(view, OUTPUTS, 0, certain)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""PatchMatch stereo: the kernel against its twin, and what it finds on surfaces that are known."""
+"""PatchMatch stereo: the kernel against its reference, and what it finds on surfaces that are known."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def test_the_majority_tells_the_foreign_photos(count: int) -> None:
     assert others > 0.9
 
 
-def test_likeness_is_the_correlation_with_the_mean_of_the_others() -> None:
+def test_consistency_is_the_correlation_with_the_mean_of_the_others() -> None:
     """Against its definition, written out; some photos see a point twice, and one is not trusted."""
     rng = np.random.default_rng(9)
     tracks = [[(int(v), 5.0, 5.0) for v in np.sort(rng.integers(0, 6, rng.integers(2, 7)))] for _ in range(300)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The kernels of the starting surface against their plain twins."""
+"""The kernels of the starting surface against their references."""
 
 from __future__ import annotations
 

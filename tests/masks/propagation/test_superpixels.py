@@ -47,7 +47,7 @@ def test_a_place_is_looked_up_with_the_scale_of_its_own_axis():
 @pytest.mark.parametrize("size", [(20, 20), (23, 89), (66, 88), (150, 201)])
 @pytest.mark.parametrize("grain", [0.7, 3.0, 12.0])
 def test_superpixels_are_those_of_opencv(size: tuple[int, int], grain: float):
-    """OpenCV's is the plain twin of the kernel: the same to the pixel."""
+    """OpenCV's is the reference of the kernel: the same to the pixel."""
     rng = np.random.default_rng(round(grain) + size[1])
     noise = cv2.GaussianBlur(rng.uniform(0, 255, (*size, 3)).astype(np.float32), (0, 0), grain)
     picture = np.clip(128 + (noise - 128) * (1 + grain), 0, 255).astype(np.uint8)
