@@ -21,8 +21,7 @@ from ..common.errors import UserError, sentence
 from ..common.meshes import mesh_steps
 from ..common.runner import redraw
 from ..properties import key_of, scene_key, scene_of
-from ..scene_import.tree import Tree
-from .load import SHARP_ANGLE, Content, reading_steps
+from .load import SHARP_ANGLE, Content, fitting_tree, reading_steps
 
 _TICK = 0.02  # seconds between two steps
 _KEY = "mgf_arriving"
@@ -111,8 +110,10 @@ def begin(scene: bpy.types.Scene, folder: Path) -> None:
     if key in _arrivals and _arrivals[key].folder == folder:
         return
     forget(scene)
-    tree = Tree.find(scene)
     _problems.pop(key, None)
+    tree = None
+    with contextlib.suppress(UserError):  # the first step says it again, where it is shown
+        tree = fitting_tree(scene, folder)
     _arrivals[key] = AsyncImport(key, folder, tree.offset if tree is not None else None)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)

@@ -142,12 +142,28 @@ def import_result(
         shrink_cameras(tree, _BESIDE_MESH)
     for view in delivery.views:
         _add_view(tree, view)
-    if scene.camera is None and tree.objects("Cameras"):
-        scene.camera = tree.objects("Cameras")[0]
+    _look_at(scene, tree)
     obj = None if content.mesh is None else _replace_mesh(scene, tree, content, mesh, texture)
     if scene.camera is not None:
         clear_view(tree, scene.camera)
     return Result(tree, obj, len(tree.objects("Renders")), delivery)
+
+
+def fitting_tree(scene: bpy.types.Scene, folder: Path) -> Tree | None:
+    """Find the imported scene whose photos a job is of; None where it needs one of its own.
+
+    Raises:
+        UserError: the job is not finished or a file is damaged.
+    """
+    delivery = read_delivery(folder.absolute())
+    return next((tree for tree in Tree.find_all(scene) if not _foreign(tree, delivery)), None)
+
+
+def _look_at(scene: bpy.types.Scene, tree: Tree) -> None:
+    """Give a scene that looks through no camera, or through one of another import, a camera of this one."""
+    cameras, active = tree.objects("Cameras"), scene.camera
+    if cameras and (active is None or (PHOTO_KEY in active and active not in cameras)):
+        scene.camera = cameras[0]
 
 
 def _replace_mesh(

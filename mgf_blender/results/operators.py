@@ -19,7 +19,7 @@ from ..scene_import.tree import Tree, hide
 from . import async_import, surface, view_mode
 from .field import import_field
 from .job_folder import read_delivery
-from .load import import_result
+from .load import fitting_tree, import_result
 from .runs import old_runs, remove_runs, shown_runs
 
 
@@ -60,7 +60,7 @@ class MGF_OT_import_result(FileOperator):
         mesh = there.take_mesh() if there is not None else None
         if there is None:
             async_import.forget(scene)
-        tree = Tree.find(scene)
+        tree = fitting_tree(scene, folder)
         first = tree is None or not tree.objects("Mesh")
         result = import_result(scene, folder, tree, content, mesh)
         if result.mesh is not None and context.mode == "OBJECT":

@@ -61,11 +61,16 @@ class Tree:
 
     @classmethod
     def find(cls, scene: bpy.types.Scene) -> Tree | None:
-        """Find the newest tree of the scene whose empty still exists, or None."""
-        for collection in reversed(scene.collection.children_recursive):
-            if collection.get(ROLE_KEY) == "tree" and cls(collection).root is not None:
-                return cls(collection)
-        return None
+        """Find the tree that is worked on: that of the active camera, else the newest; None without any."""
+        return next(iter(cls.find_all(scene)), None)
+
+    @classmethod
+    def find_all(cls, scene: bpy.types.Scene) -> list[Tree]:
+        """Find the trees of the scene whose empty still exists: that of the active camera first, then the newest."""
+        collections = reversed(scene.collection.children_recursive)
+        trees = [cls(c) for c in collections if c.get(ROLE_KEY) == "tree" and cls(c).root is not None]
+        active = scene.camera.parent if scene.camera is not None else None
+        return sorted(trees, key=lambda tree: tree.root != active)
 
     @property
     def root(self) -> bpy.types.Object | None:

@@ -16,6 +16,7 @@ from mgf_blender.common.ply import read_ply
 from mgf_blender.results.load import import_result
 from mgf_blender.results.picture import render_picture
 from mgf_blender.scene_import.load import import_scene
+from mgf_blender.scene_import.tree import KIND_KEY, ROLE_KEY, Tree
 
 
 def vertices(obj: bpy.types.Object) -> np.ndarray:
@@ -217,6 +218,30 @@ def test_damaged_results_change_nothing(scene, house, damage, words):
     with pytest.raises(UserError, match=words):
         import_result(scene, house.job, tree)
     assert sorted(o.name for o in bpy.data.objects) == before
+
+
+def test_each_job_goes_to_the_cameras_of_its_photos(addon, scene, house, tmp_path):
+    """A job of other photos that is looked at while one runs: the running one's mesh still comes to its cameras."""
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    mine = scene.camera.parent
+    other = synthetic.write_house(tmp_path / "other")
+    content = json.loads((other.job / "deliver.json").read_text())
+    _edit(other.job, views=[{**view, "name": "other/" + view["name"]} for view in content["views"]])
+    for job, root in ((other.job, None), (house.job, mine), (other.job, None), (house.job, mine)):
+        bpy.ops.mgf.import_result(directory=str(job))
+        tree = Tree.find(scene)
+        assert (tree.root == mine) == (root == mine), "the panel shows another scene than the one that was imported"
+        assert scene.camera in tree.objects("Cameras"), "Photo, Render and Error would show a photo of the other scene"
+        assert len(tree.objects("Mesh")) == 1
+    assert sum(o.get(ROLE_KEY) == "root" for o in bpy.data.objects) == 2
+    assert sum(o.get(KIND_KEY) == "Mesh" for o in bpy.data.objects) == 2
+
+
+def test_a_camera_of_ones_own_stays_the_active_one(addon, scene, house):
+    scene.camera = bpy.data.objects.new("Mine", bpy.data.cameras.new("Mine"))
+    scene.collection.objects.link(scene.camera)
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    assert scene.camera.name == "Mine"
 
 
 def _edit(job, **changes):
