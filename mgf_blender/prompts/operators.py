@@ -12,7 +12,7 @@ from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..reconstruct.operators import JobOperator, submit
 from ..reconstruct.start import make_job
-from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY
+from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY, find_source
 from . import files, preview
 from .properties import active_photo, photo_image
 
@@ -255,9 +255,7 @@ def choose_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> No
 
 def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
     """Add photos that a prompts file names and an imported camera shows, but the list lacks."""
-    from ..scene_import.tree import Tree
-
-    tree = Tree.find(scene)
+    tree = find_source(scene)
     if tree is None:
         return
     have = {p.name for p in scene.mgf.photos}

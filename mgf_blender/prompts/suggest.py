@@ -19,6 +19,7 @@ from ..properties import scene_key, scene_of
 from ..reconstruct.operators import JobOperator, submit
 from ..reconstruct.start import job_folder, job_options, run_in
 from ..results.load import job_name
+from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
 from ..scene_import.tree import Tree
 from . import files
@@ -38,7 +39,7 @@ def suggest_job(scene: bpy.types.Scene) -> Job:
     state, folder = scene.mgf, job_folder(scene)
     command = ["suggest-clicks", bpy.path.abspath(state.source), "--job", str(folder), "--out", str(_out(folder))]
     command += ["--progress", "json", "--cancel-on-eof", *job_options(scene, folder)]
-    tree = Tree.find(scene)
+    tree = find_source(scene)
     if state.suggest_at == "CURSOR" and tree is not None:
         command += ["--point", *(f"{v:.9g}" for v in _cursor(scene, tree))]
     return Job(engine_command(*command), folder, job_name(folder), KIND, scene_key(scene), on_end=_ended)
@@ -84,7 +85,7 @@ class MGF_OT_suggest_clicks(JobOperator):
 
     def run(self, context: bpy.types.Context) -> set[str]:
         context.view_layer.update()  # the crop box may have been moved by a script
-        context.scene.mgf.options.crop_box = crop_text(Tree.find(context.scene))
+        context.scene.mgf.options.crop_box = crop_text(find_source(context.scene))
         return submit(self, suggest_job(context.scene))
 
 

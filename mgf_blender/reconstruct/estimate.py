@@ -18,8 +18,7 @@ import bpy
 
 from ..common.addon import user_folder
 from ..common.options import COSTS, RUN_LENGTH
-from ..scene_import.cameras import SIZE_KEY
-from ..scene_import.tree import Tree
+from ..scene_import.cameras import SIZE_KEY, find_source
 
 _FILE = "speed.json"
 
@@ -48,7 +47,7 @@ class Photos:
 
 def photos_of(scene: bpy.types.Scene) -> Photos:
     """Return the photos a job on this scene gets; before an import, what the marked ones tell (a fifth is marked)."""
-    tree = Tree.find(scene)
+    tree = find_source(scene)
     cameras = tree.objects("Cameras") if tree is not None else []
     sizes = [tuple(camera[SIZE_KEY]) for camera in cameras if SIZE_KEY in camera]
     if not sizes:

@@ -13,10 +13,10 @@ from ..common.job import DONE, STAGES, Job
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..properties import key_of
+from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
 from ..scene_import.locate import holds_model, holds_photos
 from ..scene_import.operators import bring_in, frame_tree
-from ..scene_import.tree import Tree
 from . import preview_image
 from .start import broke_off, given_options, has_job_file, job_folder, make_job
 
@@ -79,7 +79,7 @@ class MGF_OT_reconstruct(JobOperator):
 
     def run(self, context: bpy.types.Context) -> set[str]:
         context.view_layer.update()  # the crop box may have been moved by a script
-        context.scene.mgf.options.crop_box = crop_text(Tree.find(context.scene))
+        context.scene.mgf.options.crop_box = crop_text(find_source(context.scene))
         return submit(self, make_job(context.scene))
 
 

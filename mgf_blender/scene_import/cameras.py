@@ -157,6 +157,14 @@ def find_camera(tree: Tree, photo: str) -> bpy.types.Object | None:
     return next((o for o in tree.objects("Cameras") if o.get(PHOTO_KEY) == photo), None)
 
 
+def find_source(scene: bpy.types.Scene) -> Tree | None:
+    """Find the tree of the photos that a reconstruction takes, which lies beside results of others; None without."""
+    names = {photo.name for photo in scene.mgf.photos}
+    trees = Tree.find_all(scene)
+    of_photos = (t for t in trees if any(o.get(PHOTO_KEY) in names for o in t.objects("Cameras")))
+    return next(of_photos, trees[0] if trees else None)
+
+
 def shrink_cameras(tree: Tree, factor: float) -> None:
     """Draw the cameras of a scene smaller."""
     for camera in tree.objects("Cameras"):

@@ -9,6 +9,7 @@ import subprocess
 
 import bpy
 import pytest
+import synthetic
 from common.test_options import REPO
 
 from mgf_blender.common import options
@@ -68,6 +69,21 @@ def test_the_photos_of_a_scene(addon, house, folder):
     found = photos_of(bpy.context.scene)
     assert found.count == sum(o.get("mgf_kind") == "Cameras" for o in bpy.data.objects) > 0
     assert found.size[0] >= found.size[1] > 0
+
+
+def test_results_of_other_photos_beside_them_are_no_part_of_the_next_job(addon, house, engine, folder, tmp_path):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    before = photos_of(bpy.context.scene)
+    other = synthetic.write_house(tmp_path / "other")
+    content = json.loads((other.job / "deliver.json").read_text())
+    content["views"] = [{**view, "name": "other/" + view["name"]} for view in content["views"][:5]]
+    (other.job / "deliver.json").write_text(json.dumps(content))
+    bpy.ops.mgf.import_result(directory=str(other.job))
+    bpy.ops.mgf.add_crop_box()  # around the other building
+    assert photos_of(bpy.context.scene) == before
+    addon.photos[0].clicks.add()
+    bpy.ops.mgf.reconstruct()
+    assert addon.options.crop_box == ""
 
 
 def test_what_the_engine_says_of_the_machine_is_kept(addon, folder):
