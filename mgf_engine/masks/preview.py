@@ -41,7 +41,9 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.reported import read_algorithm_options
 from mgf_engine.scene.cameras import from_original, to_original
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
+from mgf_engine.scene.gravity import GravityOptions, up_of_tilted_view
 from mgf_engine.scene.load import build_scene
+from mgf_engine.scene.normalise import normalise_pose, rotation_of
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
 from mgf_engine.system import cores
@@ -89,11 +91,11 @@ def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDA
     """
     if not source.is_dir():
         raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
-    scene, photo = one_view(source.resolve(), name, config)
+    scene, photo, up = one_view(source.resolve(), name, config)
     clicks = read_clicks_of(prompts, scene.views[0])
     if not len(clicks.positive):
         raise BadInput(f"'{prompts}' has no click on the building in '{name}'; click at least one point on it.")
-    segment = _segment(scene, photo, clicks, config)
+    segment = _segment(scene, photo, up, clicks, config)
     view = scene.views[0]
     mask = _in_original(segment.mask, view, config.resolution)
     scale = np.array([mask.shape[1] / view.original_width, mask.shape[0] / view.original_height])
@@ -101,22 +103,40 @@ def preview(source: Path, prompts: Path, name: str, config: Config) -> tuple[NDA
     return set_clicked_pixels(mask, Clicks(*kinds)), segment.score
 
 
-def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8]]:
-    """Return a scene of one photo and the points it observed, and its working photo RGB uint8 [H, W, 3]."""
+def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np.uint8], NDArray[np.float64] | None]:
+    """Read one photo of a scene.
+
+    Returns:
+        A scene of the photo and the points it observed, its working photo RGB uint8 [H, W, 3], and up by all cameras
+        [3] in the normalised frame of that scene; None where up in the photo serves.
+    """
     folder = find_model(source)
     if folder is None:
         root, names = list_photos(source)
-        return _without_model(root, _match(name, names, source), config)
-    model = read_model(folder)
-    wanted = _match(name, [image.name for image in model.images], source)
-    image = next(image for image in model.images if image.name == wanted)
-    model = _only(model, image)
+        return *_without_model(root, _match(name, names, source), config), None
+    whole = read_model(folder)
+    wanted = _match(name, [image.name for image in whole.images], source)
+    image = next(image for image in whole.images if image.name == wanted)
+    model = _only(whole, image)
     planned = plan_photos(model, find_photos([image.name], folder, source), config.resolution, Reporter())
     scene = build_scene(model, planned, source, replace(config, holdout_every=0))
     photo = read_rgb(planned[0].path)
     if planned[0].orientation != 1:
         photo = turn(photo, planned[0].orientation)
-    return scene, planned[0].camera.make_photo(photo)
+    return scene, planned[0].camera.make_photo(photo), _up_by_all(scene, whole, config)
+
+
+def _up_by_all(scene: Scene, model: SparseModel, config: Config) -> NDArray[np.float64] | None:
+    """Return up by all cameras of a model where the photo of a scene is far from level, [3]; None where it is not.
+
+    Only the photo's own file was read: all cameras are taken to be held as its camera was.
+    """
+    view, options = scene.views[0], config.algorithm(PropagationOptions)
+    poses = (
+        normalise_pose(rotation_of(image.quaternion), image.translation, scene.to_normalised) for image in model.images
+    )
+    others = [replace(view, rotation=rotation, translation=translation) for rotation, translation in poses]
+    return up_of_tilted_view(view, others, options.steep, options.level_rms, config.algorithm(GravityOptions))
 
 
 def _match(name: str, names: list[str], source: Path) -> str:
@@ -158,12 +178,14 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
     return scene, shrink(photo, w, h)
 
 
-def _segment(scene: Scene, photo: NDArray[np.uint8], clicks: Clicks, config: Config) -> Segment:
+def _segment(
+    scene: Scene, photo: NDArray[np.uint8], up: NDArray[np.float64] | None, clicks: Clicks, config: Config
+) -> Segment:
     regions, options = cut_regions(photo, config.algorithm(SuperpixelOptions)), config.algorithm(PropagationOptions)
     graph = LabelGraph(
         scene,
         [regions],
-        measure_point_features(scene, options=config.algorithm(PointFeatureOptions)),
+        measure_point_features(scene, up, config.algorithm(PointFeatureOptions)),
         options=config.algorithm(RandomWalkerOptions),
         sky=config.algorithm(SkyOptions),
     )

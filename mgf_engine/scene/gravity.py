@@ -67,6 +67,13 @@ class UpDirection:
         return float(np.degrees(self.sd))
 
 
+@dataclass(frozen=True)
+class _Cameras:
+    """What the estimates by cameras need of a scene."""
+
+    views: tuple[View, ...]
+
+
 def find_up(
     scene: Scene,
     tags: Sequence[tuple[float, float, float] | None] = (),
@@ -89,7 +96,7 @@ def find_up(
     return up_from_edges(scene, rough.vector, threads, options) or rough
 
 
-def up_from_cameras(scene: Scene, options: GravityOptions = GravityOptions()) -> Array:
+def up_from_cameras(scene: Scene | _Cameras, options: GravityOptions = GravityOptions()) -> Array:
     """Estimate up from how cameras are held: upright with a level horizon, or straight down; unit [3].
 
     Up is perpendicular to the x axes of level cameras. Where they look in too few directions to tell (a facade), the
@@ -110,12 +117,35 @@ def up_from_cameras(scene: Scene, options: GravityOptions = GravityOptions()) ->
     return np.asarray(up if up @ mean > 0.5 else mean)
 
 
+def up_of_tilted_view(
+    view: View, others: Sequence[View], tilt: float, level_rms: float, options: GravityOptions = GravityOptions()
+) -> Array | None:
+    """Estimate up for a photo that is far from level, by all cameras, unit [3]; None where its own up serves.
+
+    What is up in a photo is up in the world only as far as its camera is held level. All cameras know better, unless
+    they were held in different ways or all look straight down.
+
+    Args:
+        view: the photo.
+        others: all photos of the scene.
+        tilt: degrees between the photo's own up and that of all cameras from which it counts as far from level.
+        level_rms: the most that the cameras' horizontal axes may deviate from the horizon, RMS in degrees.
+        options: of the estimate by all cameras.
+    """
+    scene = _Cameras(tuple(others))
+    up = up_from_cameras(scene, options)
+    slope = np.array([other.right for other in others]) @ up
+    level = np.sqrt(np.mean(slope**2)) <= np.sin(np.radians(level_rms))
+    tilted = view.up @ up < np.cos(np.radians(tilt))
+    return up if tilted and level and looking_down(scene, options) is None else None
+
+
 def horizontal_axes(up: Array) -> Array:
     """Return two unit vectors perpendicular to up [3] and to each other, [2, 3]."""
     return np.linalg.svd(up[None])[2][1:]
 
 
-def looking_down(scene: Scene, options: GravityOptions = GravityOptions()) -> NDArray[np.float64] | None:
+def looking_down(scene: Scene | _Cameras, options: GravityOptions = GravityOptions()) -> NDArray[np.float64] | None:
     """Return the common viewing direction of a grid of photos, [3]; None without one.
 
     Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.

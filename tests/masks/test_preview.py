@@ -10,6 +10,8 @@ import pytest
 
 from benchmarks.synthetic.house import House
 from mgf_engine.cli import main
+from mgf_engine.config import make_config
+from mgf_engine.masks.preview import one_view
 
 
 def preview(house: House, out: Path, *more: str, image: str = "", prompts: Path | None = None) -> int:
@@ -34,6 +36,14 @@ def test_mask_is_the_building_in_every_clicked_photo(house: House, tmp_path: Pat
 def test_resolution_is_the_longest_side(house: House, tmp_path: Path):
     assert preview(house, tmp_path / "mask.png", "--resolution", "120") == 0
     assert max(cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED).shape) == 120
+
+
+@pytest.mark.parametrize(("photo", "by_all"), [("photo_00.png", False), ("photo_01.png", True)])
+def test_up_in_a_photo_from_above_comes_from_all_cameras(house: House, photo: str, by_all: bool):
+    """The first of the house's photos look 10 and 27 degrees below the horizon."""
+    up = one_view(house.folder, photo, make_config())[2]
+    assert (up is not None) == by_all
+    assert up is None or up @ [0, 0, 1] > 0.999
 
 
 def test_photos_alone_need_no_model(house: House, tmp_path: Path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.small_scene import grid, photos, tilted
 
-from mgf_engine.scene.gravity import common_direction, up_from_cameras
+from mgf_engine.scene.gravity import common_direction, up_from_cameras, up_of_tilted_view
 from mgf_engine.scene.validation import surround_angle
 
 
@@ -23,6 +23,39 @@ def test_a_row_of_photos_of_a_front_is_upright() -> None:
     front = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y, z up
     row = np.c_[np.arange(12), np.zeros(12), 0.05 * (np.arange(12) % 3)]
     assert up_from_cameras(photos(row, [front] * 12)) @ [0, 0, 1] > 0.999
+
+
+def ring(down: float, lean: float = 0.0) -> tuple:
+    """Return twelve cameras around the origin that look ``down`` degrees below the horizon, every other one rolled by
+    ``lean`` degrees."""
+    places, rotations = [], []
+    for number, angle in enumerate(np.linspace(0, 2 * np.pi, 12, endpoint=False)):
+        level = np.cos(np.radians(down))
+        forward = -np.array([level * np.cos(angle), level * np.sin(angle), np.sin(np.radians(down))])
+        right = np.cross(forward, [0, 0, 1.0]) / level
+        c, s = np.cos(np.radians(lean * (number % 2))), np.sin(np.radians(lean * (number % 2)))
+        places.append(-9 * forward)
+        rotations.append(
+            np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.stack([right, np.cross(forward, right), forward])
+        )
+    return photos(np.array(places), rotations).views
+
+
+def test_a_photo_that_looks_down_takes_up_from_all_cameras() -> None:
+    views = ring(35.0)
+    assert up_of_tilted_view(views[0], views, 20.0, 10.0) @ [0, 0, 1] > 0.999
+    level = ring(5.0)
+    assert up_of_tilted_view(views[0], [views[0], *level], 20.0, 10.0) @ [0, 0, 1] > 0.999
+
+
+def test_a_photo_keeps_its_own_up_where_it_is_nearly_level_or_the_cameras_know_no_better() -> None:
+    level, steep = ring(12.0), ring(35.0)
+    assert up_of_tilted_view(level[0], level, 20.0, 10.0) is None
+    rolled = ring(35.0, lean=90.0)
+    assert up_of_tilted_view(rolled[0], rolled, 20.0, 10.0) is None, "half of the cameras were held upright"
+    assert up_of_tilted_view(steep[0], steep[:1], 20.0, 10.0) is None, "one camera alone"
+    nadir = photos(grid(6, 5), tilted(30, 0.0)).views
+    assert up_of_tilted_view(nadir[0], nadir, 20.0, 10.0) is None, "all look straight down"
 
 
 @pytest.mark.parametrize(("orientation", "turn"), [(1, 0), (3, 2), (6, 1), (8, 3)])

@@ -23,6 +23,13 @@ class PropagationOptions:
         0.2, "Share of the mask that one more click on the building may take away in the preview: corrections", high=1
     )
     click_slip: int = parameter(10, "Distance from the mask up to which a click on the building lies inside", "px")
+    steep: float = parameter(
+        25.0, "Angle between up in a photo and up by all cameras from which the preview takes the latter", "degrees"
+    )
+    level_rms: float = parameter(
+        10.0, "Maximum RMS angle between the cameras' horizontal axes and the horizon for up by all cameras in the "
+        "preview", "degrees", high=90
+    )
     finish: bool = parameter(
         True, "Correct the drawn masks by sky, ground, plants, plain regions, thin structures and far background"
     )
