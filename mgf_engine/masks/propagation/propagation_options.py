@@ -27,8 +27,10 @@ class PropagationOptions:
         25.0, "Angle between up in a photo and up by all cameras from which the preview takes the latter", "degrees"
     )
     level_rms: float = parameter(
-        10.0, "Maximum RMS angle between the cameras' horizontal axes and the horizon for up by all cameras in the "
-        "preview", "degrees", high=90
+        10.0,
+        "Maximum RMS angle between the cameras' horizontal axes and the horizon for up by all cameras in the preview",
+        "degrees",
+        high=90,
     )
     finish: bool = parameter(
         True, "Correct the drawn masks by sky, ground, plants, plain regions, thin structures and far background"
