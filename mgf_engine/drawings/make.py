@@ -192,6 +192,7 @@ def _draw_frame(
 
 
 def _sections(work: Work, frames: Sequence[Frame]) -> None:
+    """Draw the sections that the frames cut, and their sheets."""
     for k, frame in enumerate(frames):
         work.reporter.progress(_PAINTED + (1.0 - _PAINTED) * k / len(frames))
         with work.cost.of("sections"):

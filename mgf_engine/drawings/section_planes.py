@@ -57,6 +57,18 @@ def section_frames(
 
 
 def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, ground: float, options: SectionOptions) -> Frame:
+    """Parse one argument of ``--section``.
+
+    Args:
+        survey: mesh in the local frame.
+        facades: that an upright section may be named by.
+        text: ``NAME=DISTANCE``, or ``NAME=x,y,z,nx,ny,nz``.
+        ground: height that level sections are counted from.
+        options: angle below which a plane is made level or upright.
+
+    Raises:
+        BadInput: it is none, or the plane misses the building.
+    """
     plane = re.fullmatch(r"\s*([\w-]+)\s*=([-+0-9.eE\s]+(?:,[-+0-9.eE\s]+){5})", text)
     if plane is not None:
         return _along_plane(survey, facades, text, plane.group(1), plane.group(2), options)

@@ -112,20 +112,20 @@ def adjust_to_control(
     _check_installed()
     to_world = _similarity(points.fit, scene)
     with np.errstate(all="ignore"):  # points behind cameras
-        here = moved(model, to_world)
-        errors = projection_errors(here, resolution)
-    chosen = choose_observations(here, np.isfinite(errors) & (errors < options.adjustment.outlier))
+        in_world = moved(model, to_world)
+        errors = projection_errors(in_world, resolution)
+    chosen = choose_observations(in_world, np.isfinite(errors) & (errors < options.adjustment.outlier))
     sigma = _sigma(errors[chosen], options.adjustment)
     known = _known_points(model, scene, points, sigma, options.point.mark_accuracy)
     if not len(chosen) or len(known) < 3:
         return model
-    larger, first = _with_points(here, known)
+    larger, first = _with_points(in_world, known)
     observations = np.concatenate([chosen, np.arange(first, len(larger.points.image_ids))])
     task = Task(larger, resolution, observations, np.arange(len(larger.points.ids)), sigma)
     found = _in_a_process(task, known, _losses(known, sigma, options.adjustment, robust), reporter)
     if found is None:
         return model
-    result = moved(_without_points(found, here), to_world.inverse())
+    result = moved(_without_points(found, in_world), to_world.inverse())
     after = projection_errors(result, resolution)[chosen]
     log.info(
         "georeference: bundle adjustment with %d control points and %d observations; median error %.2f, then %.2f px",

@@ -122,6 +122,7 @@ def cameras_adjusted(record: dict[str, Any]) -> bool:
 
 
 def _print(fit: GeoreferenceFit) -> None:
+    """Print the georeference with the residuals of points and scale bars."""
     for label, text in facts(fit):
         print(f"{label}: {text}")
     for role in (CONTROL, CHECK):

@@ -73,14 +73,14 @@ class Control:
         points: control and check points.
         marks: of these points.
         crs: what ``gcp_list.txt`` or a comment says, else empty.
-        strangers: photos named in the files that are no views.
+        unknown_photos: photos named in the files that are no views.
         unlisted: names of marks that are of none of the points.
     """
 
     points: tuple[Point, ...] = ()
     marks: tuple[Mark, ...] = ()
     crs: str = ""
-    strangers: tuple[str, ...] = ()
+    unknown_photos: tuple[str, ...] = ()
     unlisted: tuple[str, ...] = ()
 
     def positions(self) -> Array:
@@ -104,7 +104,7 @@ def read_control(
     """
     control = read_points(points, photos, accuracy)
     if marks is not None:
-        found, strangers = read_marks(marks, photos)
+        found, unknown_photos = read_marks(marks, photos)
         known = {p.name for p in control.points}
         kept = tuple(mark for mark in found if mark.point in known)
         if not kept:
@@ -112,7 +112,7 @@ def read_control(
                 f"No mark in '{marks}' is of a point in '{points}'; use the same names for the points in both files."
             )
         unlisted = tuple(dict.fromkeys(mark.point for mark in found if mark.point not in known))
-        control = replace(control, marks=(*control.marks, *kept), strangers=strangers, unlisted=unlisted)
+        control = replace(control, marks=(*control.marks, *kept), unknown_photos=unknown_photos, unlisted=unlisted)
     if not control.marks:
         raise BadInput("Control points need marks in the photos; give them with --marks FILE.")
     return control
@@ -129,6 +129,11 @@ def read_points(path: Path, photos: Sequence[str], accuracy: float = ControlPoin
 
 
 def _points(path: Path, accuracy: float) -> Control:
+    """Read a table of points; ``accuracy``: in metres, of points without one.
+
+    Raises:
+        BadInput: a column is missing, or a point is listed twice.
+    """
     table = read_table(path, _POINT_COLUMNS)
     at = table.columns or dict(zip(("name", "east", "north", "height", "accuracy", "role"), range(6), strict=True))
     missing = [name for name in ("name", "east", "north", "height") if name not in at]
@@ -143,6 +148,17 @@ def _points(path: Path, accuracy: float) -> Control:
 
 
 def _point(table: Table, row: int, at: dict[str, int], accuracy: float) -> Point:
+    """Read one point of a table.
+
+    Args:
+        table: the file.
+        row: of the point.
+        at: column of each field.
+        accuracy: of a point without one, metres.
+
+    Raises:
+        BadInput: it has no name, or a coordinate is no number.
+    """
     name = table.text(row, at["name"])
     if not name:
         raise BadInput(f"Line {table.lines[row]} of '{table.path}' names no point; correct it.")
@@ -181,17 +197,19 @@ def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tup
         raise BadInput(f"'{path}' has no column '{missing[0]}'; name the columns name, photo, x, y.")
     if not table.columns and not any(named_like(table.text(row, 1), photos) for row in range(len(table.rows))):
         at = {**at, "name": 1, "photo": 0}  # the photo first, as other programs write it
-    marks, strangers = [], []
+    marks, unknown_photos = [], []
     for row in range(len(table.rows)):
         views = named_like(table.text(row, at["photo"]), photos)
         if len(views) != 1:
-            strangers.append(table.text(row, at["photo"]))
+            unknown_photos.append(table.text(row, at["photo"]))
             continue
         pixel = (table.number(row, at["x"]), table.number(row, at["y"]))
         marks.append(Mark(table.text(row, at["name"]), views[0], pixel))
     if not marks:
-        raise BadInput(f"No photo named in '{path}' is among the job's (such as '{strangers[0]}'); check the names.")
-    return tuple(marks), tuple(dict.fromkeys(strangers))
+        raise BadInput(
+            f"No photo named in '{path}' is among the job's (such as '{unknown_photos[0]}'); check the names."
+        )
+    return tuple(marks), tuple(dict.fromkeys(unknown_photos))
 
 
 def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
@@ -203,7 +221,7 @@ def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
     if not rows or any(len(row) < 6 or any(number_in(f) is None for f in row[:5]) for row in rows):
         return None
     points: dict[str, Point] = {}
-    marks, strangers = [], []
+    marks, unknown_photos = [], []
     for row in rows:
         place = tuple(float(number_in(field) or 0.0) for field in row[:3])
         name = row[6] if len(row) > 6 else " ".join(row[:3])
@@ -212,7 +230,9 @@ def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
         if len(views) == 1:
             marks.append(Mark(name, views[0], (float(number_in(row[3]) or 0.0), float(number_in(row[4]) or 0.0))))
         else:
-            strangers.append(row[5])
+            unknown_photos.append(row[5])
     if not marks:
-        raise BadInput(f"No photo named in '{path}' is among the job's (such as '{strangers[0]}'); check the names.")
-    return Control(tuple(points.values()), tuple(marks), lines[0], tuple(dict.fromkeys(strangers)))
+        raise BadInput(
+            f"No photo named in '{path}' is among the job's (such as '{unknown_photos[0]}'); check the names."
+        )
+    return Control(tuple(points.values()), tuple(marks), lines[0], tuple(dict.fromkeys(unknown_photos)))

@@ -74,6 +74,7 @@ def _mistake(at: Array, fits: Callable[[Array], bool]) -> str | None:
 
 
 def _far_text(at: Array, projection: Projection, photos: Array, away: float) -> str:
+    """Return a sentence on points ``away`` metres from the photos: swapped columns, another zone, or the CRS."""
     mistake = _mistake(at, lambda places: _distance(places, projection, photos) <= _FAR)
     if mistake is not None:
         return mistake
@@ -158,6 +159,16 @@ def wrong_marks(
 def _wrong_mark_text(
     scene: Scene, name: str, mark: Mark, away: float, placed: dict[str, Placed], options: MarkOptions
 ) -> str:
+    """Return a sentence on a mark that the others contradict, with the point that it fits, if there is one.
+
+    Args:
+        scene: cameras of the photos.
+        name: of the marked point.
+        mark: the mark.
+        away: distance from where the other marks put it, px of the photo as taken.
+        placed: marked points, by name.
+        options: limit of outliers.
+    """
     view = scene.views[mark.view]
     other = _point_at(scene, mark, placed, options)
     guess = f"; it fits '{other}'" if other is not None else ""

@@ -95,14 +95,14 @@ def _marked(
     if options.control:
         control = read_control(Path(options.control), marks, names, options.point.accuracy)
     elif marks is not None:
-        found, strangers = read_marks(marks, names)
-        control = Control(marks=found, strangers=strangers)
+        found, unknown_photos = read_marks(marks, names)
+        control = Control(marks=found, unknown_photos=unknown_photos)
     else:
         control = Control()
-    if control.strangers:
+    if control.unknown_photos:
         warn(
-            f"Marks in {len(control.strangers)} photos that are not among the job's were passed over (such as "
-            f"'{control.strangers[0]}'); check their names."
+            f"Marks in {len(control.unknown_photos)} photos that are not among the job's were passed over (such as "
+            f"'{control.unknown_photos[0]}'); check their names."
         )
     if control.unlisted:
         warn(
@@ -133,6 +133,20 @@ def _by_control(
     up: UpDirection,
     options: GeoreferenceOptions,
 ) -> GeoreferenceFit:
+    """Georeference a scene by control points.
+
+    Args:
+        scene: cameras of the photos.
+        control: points and marks.
+        placed: marked points in the normalised frame, by name.
+        failed: why others could not be placed, by name.
+        projection: of the points' coordinates; None if unknown.
+        up: direction up in the scene.
+        options: accuracies and limits.
+
+    Raises:
+        BadInput: the points do not fit.
+    """
     fit = fit_control(scene, control.points, placed, failed, up.vector, options.point)
     accuracy = {}
     for role in (CONTROL, CHECK):
@@ -156,6 +170,20 @@ def _without_control(
     options: GeoreferenceOptions,
     warn: Callable[[str], None],
 ) -> GeoreferenceFit:
+    """Georeference a scene by the GPS of its photos, or make it upright without one.
+
+    Args:
+        scene: cameras of the photos.
+        places: GPS of each photo, None without.
+        known: latitude, longitude and height of those with GPS, [N, 3].
+        projection: that is wanted; None for a local frame.
+        up: direction up in the scene.
+        options: limits of the fit.
+        warn: takes a sentence about GPS that does not fit.
+
+    Raises:
+        BadInput: a CRS is wanted, and no GPS places the scene.
+    """
     reason = ""
     if len(known):
         fit, offset = _by_gps(scene, places, known, projection, up, options)
@@ -204,21 +232,31 @@ def _by_gps(
 def _gps_fit(
     scene: Scene, places: list[Place | None], fit: GpsFit, offset: Array, projection: Projection | None, up: UpDirection
 ) -> GeoreferenceFit:
+    """Return the georeference of a fit to the GPS of photos.
+
+    Args:
+        scene: of the job.
+        places: GPS of each photo, None without.
+        fit: cameras laid onto it.
+        offset: origin of the fit's metres: in the projection, or latitude, longitude and height without one.
+        projection: None for a local frame.
+        up: direction up in the scene.
+    """
     views = tuple(i for i, p in enumerate(places) if p is not None)
     mostly = np.mean([p.ellipsoidal for p in places if p is not None]) > 0.5
-    told = "ellipsoidal (WGS 84)" if mostly else "as the photos' GPS has them, mostly above sea level"
+    height_kind = "ellipsoidal (WGS 84)" if mostly else "as the photos' GPS has them, mostly above sea level"
     notes: tuple[str, ...] = ()
     if projection is not None:
         heights, note = projection.heights()
         notes = (note,) if note else ()
-        told = heights if projection.vertical and not note else told
+        height_kind = heights if projection.vertical and not note else height_kind
     rms = fit.rms
     accuracy = {f"gps_{axis}": float(value) for axis, value in zip("xyz", rms, strict=True)}
     crs, origin, shift = None, _three(offset), (0.0, 0.0, 0.0)
     if projection is not None:
         crs, origin, shift = projection.name, _origin(projection, offset), _three(offset)  # type: ignore[assignment]
     found = Georeference(
-        _to_local(fit.matrix, scene.to_normalised), shift, crs, METRE, True, True, "gps", told, origin, accuracy
+        _to_local(fit.matrix, scene.to_normalised), shift, crs, METRE, True, True, "gps", height_kind, origin, accuracy
     )
     return GeoreferenceFit(found, up, gps=fit, gps_views=views, notes=notes)
 

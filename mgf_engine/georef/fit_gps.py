@@ -73,6 +73,19 @@ def fit_gps(
 def _checked(
     centres: Array, targets: Array, sd: Array, good: NDArray[np.bool_], up: Direction, least_spread: float
 ) -> GpsFit | str:
+    """Refine a fit by the accuracies, and check that it is well determined.
+
+    Args:
+        centres: of the cameras, [N, 3].
+        targets: their GPS positions, metres, [N, 3].
+        sd: accuracies of these, [N, 3].
+        good: which of them agree, bool [N].
+        up: a direction of the cameras' frame that is up.
+        least_spread: minimum spread of the positions across their main direction, in standard errors.
+
+    Returns:
+        The fit, or why there is none, as the end of a sentence.
+    """
     matrix = umeyama(centres[good], targets[good])
     for _ in range(2):  # once with what photos say of their accuracy, once with what it turned out to be
         matrix = adjusted(matrix, centres[good], targets[good], sd[good], up)

@@ -65,6 +65,7 @@ def read_place(path: Path, accuracy: tuple[float, float] = GpsFitOptions.accurac
 
 
 def _place(gps: dict[int, Any], xmp: dict[str, str], accuracy: tuple[float, float]) -> Place | None:
+    """Combine EXIF's GPS and the XMP of DJI, which takes precedence; None without latitude and longitude."""
     latitude = _first(_number(xmp.get("GpsLatitude")), _degrees(gps.get(2), gps.get(1), "S"))
     longitude = _first(
         _number(xmp.get("GpsLongitude")), _number(xmp.get("GpsLongtitude")), _degrees(gps.get(4), gps.get(3), "W")

@@ -110,6 +110,7 @@ def facts(fit: GeoreferenceFit) -> list[tuple[str, str]]:
 
 
 def _point_rows(fit: GeoreferenceFit) -> list[dict[str, Any]]:
+    """Return the rows of the table of control and check points, and of their RMSE."""
     if fit.control is None:
         return []
     rows = []

@@ -54,6 +54,7 @@ def make_cityjson(solid: Solid, survey: Survey, name: str, detailed: Solid | Non
 
 
 def _geometry(solid: Solid) -> dict[str, Any]:
+    """Return a solid as CityJSON's geometry, each face with its semantic surface."""
     surfaces = [_surface(solid, face) for face in solid.faces]
     for number, face in enumerate(solid.faces):
         if face.wall >= 0:

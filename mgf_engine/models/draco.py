@@ -101,6 +101,7 @@ def _view(tree: dict[str, Any], binary: bytes, row: int) -> bytes:
 
 
 def _write_glb(path: Path, tree: dict[str, Any], binary: bytes) -> None:
+    """Write a GLB of its JSON part and its one binary buffer."""
     tree["buffers"] = [{"byteLength": len(binary)}]
     text = json.dumps(tree, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)

@@ -77,6 +77,7 @@ def _places(model: Any, project: Any, name: str) -> tuple[Any, Any]:
 
 
 def _place_on_map(model: Any, survey: Survey) -> None:
+    """Add IfcMapConversion from the local frame to the CRS, where the job has one."""
     import ifcopenshell.api.georeference
 
     georeference = survey.georeference

@@ -80,6 +80,7 @@ def _write_level(work: Work, level: int) -> float:
 
 
 def _write_tiles(work: Work, errors: list[float]) -> None:
+    """Write the tileset of the levels of detail; ``errors``: of each, metres."""
     place = to_geocentric(work.survey)
     if place is None:
         work.reporter.warning(

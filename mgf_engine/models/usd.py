@@ -54,6 +54,7 @@ def write_usd(path: Path, levels: Sequence[tuple[Mesh, Texture | None]], survey:
 
 
 def _add_mesh(stage: Any, mesh: Mesh, texture: Texture | None) -> None:
+    """Add a mesh to the stage, with texture coordinates, or with colours where it has no texture."""
     from pxr import Sdf, UsdGeom, Vt
 
     found = UsdGeom.Mesh.Define(stage, "/Building/Mesh")
@@ -73,6 +74,7 @@ def _add_mesh(stage: Any, mesh: Mesh, texture: Texture | None) -> None:
 
 
 def _add_material(stage: Any, picture: str) -> None:
+    """Bind a preview material with a picture of the package to the mesh."""
     from pxr import Sdf, UsdShade
 
     material = UsdShade.Material.Define(stage, "/Building/Material")

@@ -76,6 +76,7 @@ def _descriptors(database: pycolmap.Database, image_id: int) -> NDArray[np.float
 
 
 def _vlad_of(sample: NDArray[np.float32], words: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Compute the VLAD vector of descriptors [N, 128] over visual words [64, 128], unit [64 * 128]."""
     result = np.zeros_like(words)
     if len(sample):
         distance = (words**2).sum(1) - 2.0 * sample @ words.T

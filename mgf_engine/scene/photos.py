@@ -213,6 +213,18 @@ def _orientation(info: PhotoInfo, camera: SparseCamera, image: SparseImage, path
 def _orientation_by_color(
     info: PhotoInfo, camera: SparseCamera, image: SparseImage, path: Path, colors: _Colors
 ) -> int:
+    """Choose between the stored pixels and EXIF's orientation by which shows the colours of the sparse points.
+
+    Args:
+        info: size and EXIF orientation of the photo.
+        camera: that saw it.
+        image: its observations.
+        path: of the photo.
+        colors: of the points.
+
+    Returns:
+        The orientation to apply; 1 where too few points tell, or the photo cannot be read.
+    """
     seen = image.point_ids != NO_POINT
     if seen.sum() < 10:
         return 1

@@ -143,6 +143,11 @@ def check_model(model: SparseModel) -> None:
 
 
 def _check_camera(camera: SparseCamera, folder: Path) -> None:
+    """Check the size, model and parameters of a camera.
+
+    Raises:
+        BadInput: something is wrong.
+    """
     where = f"Camera {camera.id} in '{folder}'"
     if not (0 < camera.width <= _LARGEST_SIDE and 0 < camera.height <= _LARGEST_SIDE):
         raise BadInput(f"{where} has the size {camera.width} x {camera.height}; export the COLMAP model again.")
@@ -161,6 +166,11 @@ def _single_focal(model: str) -> bool:
 
 
 def _check_images(model: SparseModel) -> None:
+    """Check the names, poses and keypoints of the photos.
+
+    Raises:
+        BadInput: something is wrong.
+    """
     if not model.images:
         raise BadInput(f"The COLMAP model '{model.folder}' has no registered photo; run the mapper again.")
     names: set[str] = set()
@@ -187,6 +197,11 @@ def _sane(values: NDArray[np.float64]) -> bool:
 
 
 def _check_points(model: SparseModel) -> None:
+    """Check the coordinates of the points, and that points and photos name each other.
+
+    Raises:
+        BadInput: something is wrong.
+    """
     points = model.points
     again = "export the COLMAP model again."
     if len(points.ids) == 0:
@@ -228,6 +243,11 @@ def _point_of_keypoint(model: SparseModel) -> NDArray[np.int64]:
 
 
 def _check_rigs(model: SparseModel, rigs: Rigs) -> None:
+    """Check that rigs and frames name each other, the cameras and the photos.
+
+    Raises:
+        BadInput: something is wrong.
+    """
     again = "copy or export the whole model again."
     if len(set(rigs.rig_ids)) != len(rigs.rig_ids) or not set(rigs.frame_rigs) <= set(rigs.rig_ids):
         raise BadInput(f"The rigs and frames of '{model.folder}' do not belong together; {again}")

@@ -68,6 +68,11 @@ def _plain(view: View) -> dict[str, Any]:
 
 
 def _build(folder: Path, arrays: dict[str, Any]) -> Scene:
+    """Make the scene of the arrays of its file.
+
+    Raises:
+        ValueError, KeyError, TypeError: they are of another version, or damaged.
+    """
     head = json.loads(arrays["head"].tobytes().decode())
     if head["format"] != FORMAT:
         raise ValueError(f"format {head['format']}")

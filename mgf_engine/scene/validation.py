@@ -90,6 +90,15 @@ def filter_outliers(
 def _without_foreign(
     scene: Scene, brightness: Array, every: int, reporter: Reporter, options: ValidationOptions
 ) -> Scene:
+    """Leave out photos of another place if the others agree well enough to tell; else warn of them.
+
+    Args:
+        scene: photos and observations.
+        brightness: of each observation, [T].
+        every: the option ``holdout_every``.
+        reporter: for warnings.
+        options: limits of the correlation.
+    """
     foreign, others = find_outlier_views(brightness, scene, options)
     uncertain = others < options.usual_consistency or len(foreign) > options.most_outliers * len(scene.views)
     if (foreign and uncertain) or (

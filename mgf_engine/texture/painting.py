@@ -30,6 +30,7 @@ class Originals:
         self.gone: list[str] = []
 
     def __call__(self, index: int) -> Source:
+        """Read the photo of a view by its position; the working photo if the original is gone."""
         view = self._views[index]
         try:
             image = original_photo(view)

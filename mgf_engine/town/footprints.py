@@ -63,6 +63,11 @@ def read_footprints(path: Path, layer: str = "") -> Footprints:
 
 
 def _json(path: Path) -> dict[str, Any]:
+    """Read a JSON file that holds an object.
+
+    Raises:
+        BadInput: it is too large, damaged, or holds something else.
+    """
     if path.stat().st_size > _LARGEST_JSON:
         raise BadInput(f"'{path}' is larger than {_LARGEST_JSON >> 20} MB; save the footprints as GeoPackage.")
     try:

@@ -94,6 +94,7 @@ def _rings(geometry: dict[str, Any]) -> list[Any]:
 
 
 def _shown(row: dict[str, Any], town: Path) -> dict[str, Any]:
+    """Return the row of a building as the template shows it."""
     status, done, measured = row["status"], row["done"], row.get("measured", {})
     folder = town / BUILDINGS / row["id"]
     report = folder / "job" / "report.html"

@@ -108,6 +108,11 @@ def write_if_changed(path: Path, text: str) -> bool:
 
 
 def _link(photo: Path, link: Path) -> None:
+    """Link a photo at a path, symbolically where the system allows it.
+
+    Raises:
+        BadInput: neither a symbolic nor a hard link can be made.
+    """
     if link.is_symlink() and Path(os.readlink(link)) == photo:
         return
     link.parent.mkdir(parents=True, exist_ok=True)

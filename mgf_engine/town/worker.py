@@ -141,6 +141,7 @@ def _open_job(folder: Path, user_options: dict[str, Any]) -> Any:
 
 
 def _run(folder: Path, user_options: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+    """Run the job of a building with these options; returns its figures for the town's table."""
     from mgf_engine.pipeline import run_job
     from mgf_engine.town.share import take_scene
 

@@ -124,6 +124,7 @@ def snakemake(town: Path, executor: Executor, memory: int) -> Iterator[subproces
 
 
 def _stop(process: subprocess.Popen[bytes], town: Path, executor: Executor) -> None:
+    """End Snakemake and its jobs: at once on this machine; on a cluster after it has cancelled what it submitted."""
     assert process.stdin is not None
     if executor.local:
         process.terminate()

@@ -26,7 +26,7 @@ def test_the_list_of_opendronemap_holds_points_marks_and_system(tmp_path):
         "691230.5 5334870.25 519.1 110 210 dji_0002.jpg north\n1 2 3 4 5 other.jpg\n"
     )
     control = read_control(path, None, PHOTOS)
-    assert control.crs == "WGS84 UTM 32N" and control.strangers == ("other.jpg",)
+    assert control.crs == "WGS84 UTM 32N" and control.unknown_photos == ("other.jpg",)
     assert control.points[0].name == "north" and control.points[0].position == (691230.5, 5334870.25, 519.1)
     assert [(m.view, m.pixel) for m in control.marks] == [(0, (100.5, 200.5)), (1, (110.0, 210.0))]
 

@@ -91,6 +91,7 @@ def build_solid(
 
 
 def _make(evidence: Evidence, level: int, options: SolidOptions) -> Solid:
+    """Make the solid: of the roof planes at level 2, a block with a level top at level 1."""
     slopes = evidence.slopes if level == 2 else np.array([[0.0, 0.0, evidence.block]])
     row, column = np.nonzero(evidence.inside)
     at = evidence.grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5)
