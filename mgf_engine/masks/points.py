@@ -8,7 +8,7 @@ COLMAP only the photos of the track vote, at the observed keypoint: in other pho
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -24,6 +24,8 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.system import cores
 
 LabelMaps = Sequence[NDArray[np.uint8]]
+#: Votes of one view: rows of the points that it votes for, and of those that it votes against.
+ViewVotes = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 @dataclass(frozen=True)
@@ -70,18 +72,16 @@ def vote(
     """
     labels = masks.labels if isinstance(masks, MaskSet) else masks
     threads = threads or cores()
-    if options.strict:
+    if options.strict or tracks is None:
         cast = project_votes(points, scene, labels, views, options.dilation, threads)
-        return (cast.inside == len(views)) & (cast.outside == 0)
-    if tracks is None:
-        return decide(project_votes(points, scene, labels, views, options.dilation, threads), options)
+        return decide(cast, options, len(views))
     seen = track_votes(scene, labels, views, options.dilation)
     inside, outside = seen.inside[tracks], seen.outside[tracks]
     silent = np.flatnonzero(inside + outside == 0)
     if len(silent):
         cast = project_votes(points[silent], scene, labels, views, options.dilation, threads)
         inside[silent], outside[silent] = cast.inside, cast.outside
-    return decide(Votes(inside, outside), options)
+    return decide(Votes(inside, outside), options, len(views))
 
 
 def choose_voters(
@@ -99,8 +99,16 @@ def choose_voters(
     return [i for i in views if i in roots] or list(views)
 
 
-def decide(votes: Votes, options: VoteOptions = VoteOptions()) -> NDArray[np.bool_]:
-    """Accept points with a vote for them and few against: a share of the votes, or at most half of a few; bool [N]."""
+def decide(votes: Votes, options: VoteOptions, voters: int) -> NDArray[np.bool_]:
+    """Accept points with a vote for them and few against: a share of the votes, or at most half of a few; bool [N].
+
+    Args:
+        votes: on N points.
+        options: what is tolerated; with ``strict`` all must be for a point.
+        voters: number of views that may vote.
+    """
+    if options.strict:
+        return (votes.inside == voters) & (votes.outside == 0)
     total = votes.inside + votes.outside
     allowed = np.maximum(options.tolerance * total, np.minimum(options.few, votes.inside * 0.5))
     return (votes.inside > 0) & (votes.outside <= allowed)
@@ -109,7 +117,14 @@ def decide(votes: Votes, options: VoteOptions = VoteOptions()) -> NDArray[np.boo
 def project_votes(
     points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
 ) -> Votes:
-    """Count votes by projection (eq. 2): of all views with the point in front of them and in their frame.
+    """Count votes by projection, see :func:`votes_of_views`."""
+    return count_votes(len(points), votes_of_views(points, scene, labels, views, dilation, threads))
+
+
+def votes_of_views(
+    points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
+) -> Iterator[ViewVotes]:
+    """Yield what each view votes by projection (eq. 2) on the points in front of it and in its frame.
 
     Args:
         points: [N, 3], normalised frame.
@@ -120,13 +135,18 @@ def project_votes(
         threads: number of worker threads.
     """
 
-    def cast(index: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def cast(index: int) -> ViewVotes:
         uv, _, inside = scene.views[index].project_into_frame(points)
         rows = np.flatnonzero(inside)
         return _cast(labels[index], uv[rows], rows, dilation)
 
-    inside, outside = np.zeros(len(points), np.int32), np.zeros(len(points), np.int32)
-    for hit, missed in parallel_map(cast, views, threads):
+    yield from parallel_map(cast, views, threads)
+
+
+def count_votes(count: int, cast: Iterable[ViewVotes]) -> Votes:
+    """Count the votes of several views on ``count`` points."""
+    inside, outside = np.zeros(count, np.int32), np.zeros(count, np.int32)
+    for hit, missed in cast:
         inside[hit] += 1
         outside[missed] += 1
     return Votes(inside, outside)
@@ -165,9 +185,7 @@ def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[
     return y, x
 
 
-def _cast(
-    labels: NDArray[np.uint8], uv: NDArray[np.floating], rows: NDArray[np.int64], dilation: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _cast(labels: NDArray[np.uint8], uv: NDArray[np.floating], rows: NDArray[np.int64], dilation: int) -> ViewVotes:
     """Return the votes of one view for and against the points seen at uv [N, 2]; ignored pixels do not vote."""
     if not len(rows):
         return rows, rows

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.points import LabelMaps, VoteOptions, choose_voters, project_votes, vote
+from mgf_engine.masks.points import ViewVotes, VoteOptions, Votes, choose_voters, count_votes, decide, votes_of_views
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
+from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")
 #: Share of the Gaussians from which a photo that alone removes them is named. Where nothing stands in front of the
@@ -69,11 +70,16 @@ def screen(
         # Masks are dilated less here than for sparse points: Gaussians just outside would hide the building's outline.
         votes = replace(options.votes, dilation=options.dilation)
         voters = choose_voters(scene, voting_views(scene, masks), masks.clicked, votes)
-        if votes.tolerance == 0 and votes.few == 0:
-            for view, share in vetoes(centres, scene, masks.labels, voters, votes.dilation).items():
+        threads = options.threads or cores()
+        cast: Iterable[ViewVotes] = votes_of_views(centres, scene, masks.labels, voters, votes.dilation, threads)
+        if no_tolerance := votes.tolerance == 0 and votes.few == 0:
+            cast = list(cast)
+        counted = count_votes(len(centres), cast)
+        if no_tolerance:
+            for view, share in zip(voters, vetoes(counted, cast), strict=True):
                 if share > VETO:
                     warn(veto_text(scene.views[view].name, share))
-        keep &= vote(centres, scene, masks, voters, votes, threads=options.threads)
+        keep &= decide(counted, votes, len(voters))
     if not keep.any():
         raise BadInput(
             "The masks vote against every Gaussian of the field; check the clicks and the masks, or turn screening off."
@@ -81,26 +87,19 @@ def screen(
     return gaussians.select(torch.from_numpy(keep))
 
 
-def vetoes(
-    points: NDArray[np.float64], scene: Scene, labels: LabelMaps, voters: Sequence[int], dilation: int
-) -> dict[int, float]:
+def vetoes(votes: Votes, cast: Iterable[ViewVotes]) -> list[float]:
     """Compute what each photo alone removes where no vote against a point is tolerated (eq. 22).
 
     Args:
-        points: [N, 3], normalised frame.
-        scene: cameras.
-        labels: label maps of all views, uint8 [H, W] each.
-        voters: indices of the views that vote.
-        dilation: of the masks, px.
+        votes: of all photos.
+        cast: votes of each photo.
 
     Returns:
-        View -> share of the points that stay without its vote.
+        For each photo the share of the points that stay without its vote.
     """
-    cast = {view: project_votes(points, scene, labels, [view], dilation) for view in voters}
-    inside, outside = (sum(getattr(votes, side) for votes in cast.values()) for side in ("inside", "outside"))
-    stay = int(((inside > 0) & (outside == 0)).sum())
-    alone = {v: int(((votes.outside > 0) & (outside == 1) & (inside > 0)).sum()) for v, votes in cast.items()}
-    return {view: count / max(1, count + stay) for view, count in alone.items()}
+    stay = int(((votes.inside > 0) & (votes.outside == 0)).sum())
+    alone = [int(((votes.outside[missed] == 1) & (votes.inside[missed] > 0)).sum()) for _, missed in cast]
+    return [removed / max(1, removed + stay) for removed in alone]
 
 
 def veto_text(name: str, share: float) -> str:

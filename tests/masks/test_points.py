@@ -88,12 +88,12 @@ def test_strict_asks_every_view(pair: Scene):
 )  # fmt: skip
 def test_tolerance(inside: int, outside: int, kept: bool):
     votes = Votes(np.array([inside], np.int32), np.array([outside], np.int32))
-    assert decide(votes)[0] == kept
+    assert decide(votes, VoteOptions(), 9)[0] == kept
 
 
 def test_few_votes_against_are_an_option() -> None:
     votes = Votes(np.array([8], np.int32), np.array([4], np.int32))
-    assert decide(votes, VoteOptions(few=4))[0] and not decide(votes, VoteOptions(few=3))[0]
+    assert decide(votes, VoteOptions(few=4), 12)[0] and not decide(votes, VoteOptions(few=3), 12)[0]
 
 
 def test_accepts_a_mask_set(pair: Scene):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from support.analytic import as_trimesh, ball, box, cuboid, discs, mesh_of, ring, scene_of, sphere
+from support.analytic import as_trimesh, ball, box, cuboid, discs, joined, mesh_of, ring, scene_of, sphere
 from support.mesh_stage import mesh_options, reporter
 
 from mgf_engine import memory
@@ -17,17 +17,12 @@ from mgf_engine.geometry import block_store
 from mgf_engine.mesh import tetra_blocks
 from mgf_engine.mesh.border_smoothing import MeshBorderOptions
 from mgf_engine.mesh.extract import extract_mesh
-from mgf_engine.mesh.screening import screen, voting_views
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.timing import PartTimes
 
 
 def distance(points, truth):
     return np.sqrt(igl.point_mesh_squared_distance(points, truth.vertices, truth.faces.astype(np.int64))[0])
-
-
-def joined(*fields: Gaussians) -> Gaussians:
-    return Gaussians(*(torch.cat([getattr(f, n) for f in fields]) for n in Gaussians.__dataclass_fields__))
 
 
 # deviations of the paving discs across the surface are 0.01; their rims stand off a curved surface
@@ -261,56 +256,6 @@ def test_cancelling_stops_the_stage():
     scene, masks = scene_of(ring(4), ball())
     with pytest.raises(Cancelled):
         extract_mesh(sphere(50), scene, masks, mesh_options({}), stopped)
-
-
-def test_voting_views_leave_out_what_is_held_out_or_unused():
-    scene, masks = scene_of(ring(6), ball())
-    held = replace(scene, held_out=(1, 3))
-    used = replace(masks, used=np.array([True, True, False, True, True, True]))
-    assert voting_views(held, used) == [0, 4, 5]
-    assert voting_views(replace(scene, held_out=tuple(range(6))), masks) == list(range(6))
-
-
-def test_root_masks_of_the_screening_are_those_that_were_clicked():
-    """A photo that was suggested and never clicked has no root mask, so what a tree hides in it stays."""
-    scene, masks = scene_of(ring(8), ball())
-    suggested = replace(scene, roots=(0,))
-    hidden = replace(masks, labels=(np.zeros_like(masks.labels[0]), *masks.labels[1:]))
-    clicked = replace(hidden, clicks=tuple(np.full((int(i in (2, 5)), 2), 9, np.float32) for i in range(8)))
-    options = mesh_options({"voters": "roots", "vote_tolerance": 0.0, "votes.few": 0}).screening
-    field = sphere(100)
-    assert len(screen(field, suggested, clicked, options)) == 100
-    with pytest.raises(BadInput, match="vote against every Gaussian"):
-        screen(field, suggested, hidden, options)
-
-
-def test_a_photo_whose_mask_alone_removes_much_is_named():
-    """A tree before one root photo takes half of the building away by eq. 22; bushes take little."""
-    scene, masks = scene_of(ring(8), ball())
-    options = mesh_options({"vote_tolerance": 0.0, "votes.few": 0}).screening
-
-    def said(covered: float) -> list[str]:
-        tree = masks.labels[3].copy()
-        tree[:, : int(covered * tree.shape[1])] = 0
-        labels = (*masks.labels[:3], tree, *masks.labels[4:])
-        texts: list[str] = []
-        assert len(screen(sphere(400), scene, replace(masks, labels=labels), options, texts.append)) < 400
-        return texts
-
-    (text,) = said(0.5)
-    assert f"'{scene.views[3].name}' alone removes 49%" in text and "255" in text
-    assert said(0.28) == []
-    loose: list[str] = []
-    screen(sphere(400), scene, masks, mesh_options({}).screening, loose.append)
-    assert loose == []
-
-
-def test_screening_follows_its_switches():
-    scene, masks = scene_of(ring(8), ball())
-    field = joined(sphere(100), discs([[0.0, 1.9, 0], [1.8, 0, 0.3]], [[0.0, 0, 1]] * 2, 0.1))
-    assert len(screen(field, scene, masks, mesh_options({}).screening)) == 100
-    assert len(screen(field, scene, masks, mesh_options({"screening": False}).screening)) == 102
-    assert len(screen(field, scene, masks, mesh_options({"use_masks": False}).screening)) == 102
 
 
 @pytest.mark.parametrize("surface", ["fused", "opacity"])

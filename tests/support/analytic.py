@@ -58,6 +58,11 @@ def discs(points, normals, size, opacity=0.95, thickness=0.1) -> Gaussians:
     )  # fmt: skip
 
 
+def joined(*fields: Gaussians) -> Gaussians:
+    """Gaussians of several fields as one."""
+    return Gaussians(*(torch.cat([getattr(f, n) for f in fields]) for n in Gaussians.__dataclass_fields__))
+
+
 def sphere(count=1200, radius=1.0) -> Gaussians:
     i = np.arange(count) + 0.5
     polar, around = np.arccos(1 - 2 * i / count), np.pi * (1 + 5**0.5) * i
