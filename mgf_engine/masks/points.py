@@ -117,20 +117,29 @@ def decide(votes: Votes, options: VoteOptions, voters: int) -> NDArray[np.bool_]
 def project_votes(
     points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
 ) -> Votes:
-    """Count votes by projection, see :func:`votes_of_views`."""
-    return count_votes(len(points), votes_of_views(points, scene, labels, views, dilation, threads))
-
-
-def votes_of_views(
-    points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
-) -> Iterator[ViewVotes]:
-    """Yield what each view votes by projection (eq. 2) on the points in front of it and in its frame.
+    """Count votes by projection (eq. 2): of all views with the point in front of them and in their frame.
 
     Args:
         points: [N, 3], normalised frame.
         scene: cameras.
         labels: label maps of all views, uint8 [H, W] each.
         views: indices of the views that vote.
+        dilation: of the masks, px.
+        threads: number of worker threads.
+    """
+    return count_votes(len(points), votes_of_views(points, scene, labels, views, dilation, threads))
+
+
+def votes_of_views(
+    points: NDArray[np.float64], scene: Scene, labels: LabelMaps, views: Sequence[int], dilation: int, threads: int = 1
+) -> Iterator[ViewVotes]:
+    """Yield what each view votes on the points in front of it and in its frame.
+
+    Args:
+        points: [N, 3], normalised frame.
+        scene: cameras.
+        labels: label maps of all views, uint8 [H, W] each.
+        views: indices of the views that vote, in the order of the votes.
         dilation: of the masks, px.
         threads: number of worker threads.
     """
