@@ -91,7 +91,10 @@ def _number(value: float, form: str) -> str:
 def _draw_place(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """Draw what the job knows of its place, and whether the scene lies there."""
     found, tree = files.read_placement(job_folder(scene)), Tree.find(scene)
-    if found is None or not found.metric or tree is None:
+    if found is None or tree is None:
+        return
+    if not found.metric:
+        draw_sentence(layout, tr("Scale and place are still unknown"), "INFO")
         return
     if place.is_placed(scene, tree, found):
         east, north, height = found.offset

@@ -147,6 +147,16 @@ def test_after_the_run_the_scene_lies_where_it_truly_is(finished, house):
     assert tuple(view.view_location) == (9.0, 9.0, 9.0)  # nothing moved
 
 
+def test_a_run_that_found_neither_scale_nor_place_says_so(finished, house, georef_json):
+    """Photos without GPS, and nothing else given: the engine only finds what is up."""
+    content = json.loads(georef_json.read_text())
+    georef_json.write_text(json.dumps({**content, "unit": "scene units", "crs": None, "method": "up", "origin": None}))
+    finished.georef.control_file = ""
+    bpy.ops.mgf.georeference()
+    said = draw(MGF_PT_georef).said
+    assert "Scale and place are still unknown" in said and "Place in True Coordinates" not in said
+
+
 def test_a_scene_far_from_its_origin_keeps_its_offset(addon, engine, tmp_path, georef_json):
     """Coordinates of the model are those of a map: the empty takes back what was taken off for float32."""
     import synthetic
