@@ -79,7 +79,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("votes", "masks", "Vote of the masks on points and Gaussians", "masks.points:VoteOptions", also=("preview",)),
     Algorithm("propagation", "masks", "Drawing and checking of the masks", "masks.propagation.propagation_options:PropagationOptions", also=("preview",)),
     Algorithm("mask_drawing", "masks", "Masks from the probability of building", "masks.segmenters.random_walker:MaskDrawingOptions", also=("preview",)),
-    Algorithm("homogeneous_regions", "masks", "Completion of homogeneous regions", "masks.refinement.homogeneous_regions:HomogeneousRegionOptions"),
+    Algorithm("homogeneous_regions", "masks", "Completion of homogeneous regions", "masks.refinement.homogeneous_regions:HomogeneousRegionOptions", also=("preview",)),
     Algorithm("mask_flags", "masks", "Masks that are left out", "masks.validation.mask_flags:FlagOptions"),
     Algorithm("densify_points", "masks", "Points by stereo where structure from motion found none", "masks.geometry.densify_points:DensifyOptions"),
     Algorithm("ground_plane", "masks", "Plane of the ground", "masks.geometry.ground_plane:GroundPlaneOptions", also=("preview",)),

@@ -24,6 +24,7 @@ from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
+from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.propagation.draw_mask import draw_mask, make_hints
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
@@ -32,6 +33,7 @@ from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptio
 from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.stable_masks import enforce_clicks, first_clicks, merge_masks, set_clicked_pixels
 from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regions
+from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_clicked_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
 from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.masks.store import write_png
@@ -201,7 +203,10 @@ def _segment(
     last, hints = answer(everything)  # first, since it leaves behind what the others can use
     threads = config.threads or cores()
     masks = [segment.mask for (segment, _) in parallel_map(lambda i: answer(earlier[i]), range(len(earlier)), threads)]
-    mask = enforce_clicks(merge_masks([*masks, last.mask], options.click_loss), regions, clicks)
+    mask = merge_masks([*masks, last.mask], options.click_loss)
+    plain = config.algorithm(HomogeneousRegionOptions)
+    mask = mask | find_clicked_regions(lab_of(photo), mask, clicks.positive, clicks.negative, plain)
+    mask = enforce_clicks(mask, regions, clicks)
     return Segment(mask, agreement(mask, hints))
 
 

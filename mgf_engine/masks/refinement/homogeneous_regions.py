@@ -34,6 +34,8 @@ class HomogeneousRegionOptions:
     depth: float = parameter(
         0.05, "Maximum reach of a patch from the mask, as a share of the photo's longer side", high=1
     )
+    click_reach: int = parameter(6, "Maximum distance of a click from the region that it means", "px")
+    largest: float = parameter(0.25, "Maximum area of a region that the preview fills, as a share of the photo", high=1)
 
 
 def find_missing_pixels(
@@ -69,6 +71,47 @@ def find_missing_pixels(
     smooth = cv2.GaussianBlur(lab, (0, 0), 1.5)
     alike = np.linalg.norm(smooth - smooth[row, column], axis=-1) < options.color
     return _attached(wide & alike & ~mask & ~sky, mask, distance, negative, options)
+
+
+def find_clicked_regions(
+    lab: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    positive: NDArray[np.floating],
+    negative: NDArray[np.floating],
+    options: HomogeneousRegionOptions = HomogeneousRegionOptions(),
+) -> NDArray[np.bool_]:
+    """Find the homogeneous regions that clicks mean or that are mostly building, up to their edges, bool [H, W].
+
+    Sparse points lie around the windows of a plain wall and nowhere else on it. Regions that hold a click beside the
+    building, that reach the top of the photo (sky) or that fill too much of it are left out.
+
+    Args:
+        lab: CIELAB of the photo, float32 [H, W, 3].
+        mask: of the building, bool [H, W].
+        positive: clicks on the building, pixels [N, 2].
+        negative: clicks beside it, pixels [M, 2].
+        options: what counts as homogeneous, and how large a region may be.
+    """
+    flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge
+    count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
+    size = np.bincount(region.ravel(), minlength=count)
+    inside = np.bincount(region[mask], minlength=count)
+    chosen = (inside >= options.building * size) & (size >= options.smallest)
+    chosen[[_region_at(region, click, options.click_reach) for click in positive]] = True
+    chosen &= size <= options.largest * region.size
+    chosen[[_region_at(region, click, options.gap) for click in negative]] = False
+    chosen[region[0]] = False
+    chosen[0] = False  # edges
+    wanted = chosen[region]
+    others = grow((region > 0) & ~wanted, max(1, options.gap - 1))
+    return np.asarray(grow(wanted, options.gap + 1) & ~others, bool)
+
+
+def _region_at(region: NDArray[np.int32], click: NDArray[np.floating], reach: int) -> int:
+    """Return the region that takes most of the square around a click; 0 where there is none."""
+    y, x = pixel_at(region.shape, click[None])
+    part = region[max(0, y[0] - reach) : y[0] + reach + 1, max(0, x[0] - reach) : x[0] + reach + 1]
+    return int(np.bincount(part[part > 0], minlength=1).argmax())
 
 
 def _gradient(lab: NDArray[np.float32]) -> NDArray[np.float32]:

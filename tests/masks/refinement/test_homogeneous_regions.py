@@ -6,7 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.masks.refinement.homogeneous_regions import find_missing_pixels
+from mgf_engine.masks.refinement.homogeneous_regions import (
+    HomogeneousRegionOptions,
+    find_clicked_regions,
+    find_missing_pixels,
+)
 from mgf_engine.model.masks import IGNORE
 
 WALL, LAWN, PAVING = (90.0, 0.0, 5.0), (50.0, -30.0, 30.0), (75.0, 0.0, 5.0)  # CIELAB
@@ -70,3 +74,30 @@ def test_sky_and_negative_clicks_are_kept() -> None:
 def test_an_empty_mask_gains_nothing() -> None:
     lab, true = photo()
     assert not find_missing_pixels(lab, np.zeros(true.shape, np.uint8), np.zeros_like(true), NONE).any()
+
+
+LARGE = HomogeneousRegionOptions(largest=0.4)  # the wall fills a third of the photo
+ON_WALL, ON_LAWN = np.array([[60.0, 100.0]]), np.array([[20.0, 140.0]])
+
+
+def test_a_click_on_a_plain_wall_means_all_of_it_up_to_its_edges() -> None:
+    lab, true = photo()
+    found = find_clicked_regions(lab, np.zeros_like(true), ON_WALL, ON_LAWN, LARGE)
+    assert found[32:118, 42:128].all()
+    assert not (found & ~true).any()
+
+
+def test_a_region_that_is_mostly_building_is_filled_without_a_click() -> None:
+    lab, true = photo()
+    assert find_clicked_regions(lab, bitten(true) > 0, NONE, NONE, LARGE)[112:118, 62:98].all()
+
+
+def test_regions_that_clicks_leave_open_stay_as_they_are() -> None:
+    lab, true = photo()
+    nothing = np.zeros_like(true)
+    assert not find_clicked_regions(lab, nothing, NONE, NONE, LARGE).any()
+    assert not find_clicked_regions(lab, nothing, ON_WALL, ON_WALL + 10, LARGE).any(), "on it and beside the building"
+    assert not find_clicked_regions(lab, nothing, ON_LAWN, NONE, LARGE).any(), "the lawn reaches the top"
+    assert not find_clicked_regions(lab, nothing, ON_WALL, NONE).any(), "more than a quarter of the photo"
+    lab[:30, 40:130] = WALL
+    assert not find_clicked_regions(lab, nothing, ON_WALL, NONE, LARGE).any(), "as sky does, this reaches the top"
