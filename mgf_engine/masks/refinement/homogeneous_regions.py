@@ -107,7 +107,7 @@ def find_clicked_regions(
     return np.asarray(grow(wanted, options.gap + 1) & ~others, bool)
 
 
-def _region_at(region: NDArray[np.int32], click: NDArray[np.floating], reach: int) -> int:
+def _region_at(region: NDArray, click: NDArray[np.floating], reach: int) -> int:
     """Return the region that takes most of the square around a click; 0 where there is none."""
     y, x = pixel_at(region.shape, click[None])
     part = region[max(0, y[0] - reach) : y[0] + reach + 1, max(0, x[0] - reach) : x[0] + reach + 1]
