@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from benchmarks.courtyards import plaster_court
 from benchmarks.glass_buildings import glass_block, glass_office, glass_showroom, glass_tower
 from benchmarks.houses import brick_wings, bungalow, half_timber, plain_house, slate_villa
 from benchmarks.landmarks import balcony_tower, chapel, sheet_hall, warehouse
@@ -268,4 +269,5 @@ BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "glass_tower": glass_tower,
     "balcony_tower": balcony_tower,
     "chapel": chapel,
+    "plaster_court": plaster_court,
 }

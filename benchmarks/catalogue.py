@@ -196,6 +196,20 @@ SCENES["glass_tower"] = replace(
     _SMALL, building="glass_tower", wall="mirror_glass", aspect=2 / 3, width=400, seed=47, sun_azimuth=60.0,
     rings=(Ring(0.5, 9.0, 34.0, 14.0), Ring(0.5, 27.0, 31.0, 15.0)), **_FAULTY,
 )  # fmt: skip
+# From within, as a person stands there: what lies behind walls and roofs is never seen, and sky is between the wings.
+SCENES["plaster_court"] = replace(
+    _SMALL,
+    building="plaster_court",
+    wall="plaster",
+    photos=32,
+    width=560,
+    field_of_view=66.0,
+    cars=0,
+    trees=6,
+    rings=(Ring(0.5, 1.8, -7.5, 4.6), Ring(0.5, 2.6, -5.0, 5.2)),
+    seed=49,
+    **_FAULTY,
+)
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("steel_frame_hall", "brick_ensemble"):
