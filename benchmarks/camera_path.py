@@ -23,12 +23,17 @@ class Shot:
 
 @dataclass(frozen=True)
 class Ring:
-    """An orbit: ``share`` of the photos on an ellipse at a height and a distance from the footprint, metres."""
+    """An orbit: ``share`` of the photos on an ellipse at a height and a distance from the footprint, metres.
+
+    A distance below 0 lies inside the footprint. Each camera looks at a point between the middle of the footprint (0)
+    and its edge on the camera's side (1) or on the other side (-1).
+    """
 
     share: float
     height: float
     distance: float
     aim: float = 7.0  # height looked at
+    towards: float = 0.25  # share of the half extent, on the camera's side
 
 
 def look_at(
@@ -73,7 +78,7 @@ def plan(
             around = np.array([np.cos(angle), np.sin(angle)])
             ground = middle + (half + ring.distance * (1 + rng.normal(0, 0.02))) * around
             eye = np.array([*ground, ring.height * (1 + rng.normal(0, 0.02))])
-            target = np.array([*(middle + 0.25 * half * around), ring.aim]) + rng.normal(0, 0.5, 3)
+            target = np.array([*(middle + ring.towards * half * around), ring.aim]) + rng.normal(0, 0.5, 3)
             eyes.append((eye, target))
     if nadir is not None and rest > 0:
         columns = max(1, round(np.sqrt(rest * nadir["half_x"] / nadir["half_y"])))
