@@ -25,15 +25,19 @@ class Shot:
 class Ring:
     """An orbit: ``share`` of the photos on an ellipse at a height and a distance from the footprint, metres.
 
-    A distance below 0 lies inside the footprint. Each camera looks at a point between the middle of the footprint (0)
-    and its edge on the camera's side (1) or on the other side (-1).
+    Cameras look at the building's middle. A distance below 0 lies inside the footprint, in a court; there each camera
+    looks across, at what stands on the other side.
     """
 
     share: float
     height: float
     distance: float
     aim: float = 7.0  # height looked at
-    towards: float = 0.25  # share of the half extent, on the camera's side
+
+    @property
+    def towards(self) -> float:
+        """Place looked at between the middle (0) and the edge on the camera's side (1) or the other side (-1)."""
+        return 0.25 if self.distance >= 0 else -0.7
 
 
 def look_at(
