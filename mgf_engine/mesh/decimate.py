@@ -19,7 +19,8 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import call, parallel
 
-NEAREST = 8  # number of nearest views among which one is sought that a vertex faces
+NEAREST = 64  # number of nearest views among which one is sought that shows a vertex
+AT_ONCE_VERTICES = 65536  # number of vertices for which these are sought together
 WORTH = 0.002  # share of the faces that a sweep must remove to be repeated with the same slabs
 MOST_LOOSE = 1e6  # factor on the tolerances at which loosening them ends
 MOST_SLABS, SLAB = 32, 16384  # maximum number of slabs, and minimum number of faces in each
@@ -30,33 +31,51 @@ NO_MEMORY = "Not enough memory to reduce the mesh; lower max_gaussians or the re
 def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
     """Compute the size of a ground pixel at each vertex, in the mesh's units, float32 [N].
 
-    It is the size of a pixel of the nearest view that the vertex faces, or of the nearest view if it faces none; zero
-    without views. Occlusion is ignored: it makes the value too small at worst.
+    It is the size of a pixel of the nearest view that shows the vertex: the vertex faces it and lies in its frame. In a
+    court, the nearest cameras look away. Where no view shows the vertex, it is that of the nearest view that it faces,
+    then of the nearest view; zero without views. Occlusion is ignored: it makes the value too small at worst.
     """
     if not views or not len(mesh.vertices):
         return np.zeros(len(mesh.vertices), np.float32)
-    centres = np.array([view.centre for view in views])
+    tree = cKDTree(np.array([view.centre for view in views]))
     pixels = np.array([1.0 / max(view.fx, view.fy) for view in views])
-    tree, normals = cKDTree(centres), vertex_normals(mesh)
+    normals = vertex_normals(mesh)
     distance, nearest = tree.query(mesh.vertices, workers=-1)
     size = (distance * pixels[nearest]).astype(np.float32)
-    away = np.flatnonzero(~_faced(mesh.vertices, normals, centres[nearest]))  # more than one is sought for these only
-    vertices, normals = mesh.vertices[away], normals[away]
-    distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
-    missing = np.ones(len(away), bool)
-    for k in range(1, nearest.shape[1]):
-        faced = missing & _faced(vertices, normals, centres[nearest[:, k]])
-        size[away[faced]] = distance[faced, k] * pixels[nearest[faced, k]]
-        missing &= ~faced
+    hidden = np.flatnonzero(~_shown(mesh.vertices, normals, views, nearest))
+    for rows in np.array_split(
+        hidden, -(-len(hidden) // AT_ONCE_VERTICES) or 1
+    ):  # more views are sought for these only
+        vertices, directions = mesh.vertices[rows], normals[rows]
+        distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
+        found = np.zeros(len(rows), bool)
+        for seen in (_shown, _faced):
+            for k in range(nearest.shape[1]):
+                left = np.flatnonzero(~found)
+                good = left[seen(vertices[left], directions[left], views, nearest[left, k])]
+                size[rows[good]] = distance[good, k] * pixels[nearest[good, k]]
+                found[good] = True
     return size
 
 
 def _faced(
-    vertices: NDArray[np.float64], normals: NDArray[np.float64], centres: NDArray[np.float64]
+    vertices: NDArray[np.float64], normals: NDArray[np.float64], views: Sequence[View], number: NDArray[np.integer]
 ) -> NDArray[np.bool_]:
-    """Return vertices [N, 3] that look towards a camera, [N, 3]."""
+    """Tell which vertices [N, 3] look towards their view, of which the number is given, [N]."""
+    centres = np.array([view.centre for view in views])[number]
     towards: NDArray[np.bool_] = ((centres - vertices) * normals).sum(1) > 0
     return towards
+
+
+def _shown(
+    vertices: NDArray[np.float64], normals: NDArray[np.float64], views: Sequence[View], number: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Tell which vertices [N, 3] look towards their view, [N], and lie in its frame."""
+    shown = _faced(vertices, normals, views, number)
+    for view in np.unique(number[shown]):
+        rows = np.flatnonzero(shown & (number == view))
+        shown[rows] = views[view].project_into_frame(vertices[rows])[2]
+    return shown
 
 
 def reduce_faces(

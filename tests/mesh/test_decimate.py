@@ -199,6 +199,14 @@ def test_ground_pixels_are_those_of_the_nearest_view_that_a_vertex_faces():
     assert (ground_pixels(mesh, []) == 0).all() and np.isfinite(ground_pixels(mesh, ring(2))).all()
 
 
+def test_ground_pixels_are_not_those_of_a_near_view_that_looks_away():
+    mesh = ball(0.5, 4)
+    near, far = camera((1.2, 0, 0), target=(5.0, 0, 0)), camera((3.0, 0, 0))
+    front = mesh.vertices[:, 0] > 0.3
+    distance = np.linalg.norm(mesh.vertices[front] - far.centre, axis=1)
+    assert np.allclose(ground_pixels(mesh, [near, far])[front], distance / far.fx, rtol=1e-5)
+
+
 def test_the_result_does_not_depend_on_the_number_of_threads():
     mesh = noisy(fine_box(6), 1e-3)
     results = []
