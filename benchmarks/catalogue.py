@@ -198,18 +198,9 @@ SCENES["glass_tower"] = replace(
 )  # fmt: skip
 # From within, as a person stands there: what lies behind walls and roofs is never seen, and sky is between the wings.
 SCENES["plaster_court"] = replace(
-    _SMALL,
-    building="plaster_court",
-    wall="plaster",
-    photos=32,
-    width=560,
-    field_of_view=66.0,
-    cars=0,
-    trees=6,
-    rings=(Ring(0.5, 1.8, -7.5, 4.6), Ring(0.5, 2.6, -5.0, 5.2)),
-    seed=49,
-    **_FAULTY,
-)
+    _SMALL, building="plaster_court", wall="plaster", photos=32, width=560, field_of_view=66.0, cars=0, trees=6,
+    rings=(Ring(0.5, 1.8, -7.5, 4.6), Ring(0.5, 2.6, -5.0, 5.2)), seed=49, **_FAULTY,
+)  # fmt: skip
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("steel_frame_hall", "brick_ensemble"):

@@ -59,7 +59,7 @@ changed option redoes its stage and the later ones, like any other. `mgf georef`
 `mgf preview` take `--set` and `--config` for the algorithms that they run, and otherwise what the job was made with.
 `mgf options --algorithms` prints this list, with `--json` as data that has the limits, too.
 
-px is a pixel of a working photo; a ground pixel is its size on the surface in the nearest photo.
+px is a pixel of a working photo; a ground pixel is its size on the surface in the nearest photo that shows it.
 """
 _OPTIONS = """
 ## Options of a job

@@ -2,8 +2,8 @@
 """Simplify a mesh by edge collapses within bounds on its geometric and colour error.
 
 The kernel (``native/csrc/mesh/collapse.c``) tests every vertex of the full mesh against the simplified one, so the
-bound holds for all of them; topology is preserved. Tolerances are in ground pixels: the size of a pixel of the nearest
-photo on the surface.
+bound holds for all of them; topology is preserved. Tolerances are in ground pixels: the size on the surface of
+a pixel of the nearest photo that shows it.
 """
 
 from __future__ import annotations
