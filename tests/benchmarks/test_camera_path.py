@@ -31,6 +31,13 @@ def test_straight_down_works() -> None:
     assert (rotation @ [3, 4, 0] + translation) == pytest.approx([0, 0, 50])
 
 
+def test_a_ring_within_a_court_looks_across_it() -> None:
+    shots = plan(12, EXTENT, (Ring(1.0, 2.0, -3.0, 4.0),), None, 0.0, 0.0, np.random.default_rng(0))
+    eyes = np.array([-s.rotation.T @ s.translation for s in shots])
+    assert (np.abs(eyes[:, :2]) < EXTENT[1]).all()
+    assert all(s.rotation[2, :2] @ eye[:2] < 0 for s, eye in zip(shots, eyes, strict=True))
+
+
 def test_plan_keeps_its_count_heights_and_distance() -> None:
     rings = (Ring(0.5, 10.0, 25.0), Ring(0.3, 24.0, 20.0))
     nadir = {"height": 50.0, "half_x": 20.0, "half_y": 10.0}
