@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """MGF in Blender: photos of a building in, the building as a mesh in the scene out.
 
-Every module with an interface has ``register`` and ``unregister``; this file calls them in order.
+Every module with an interface has ``register`` and ``unregister``; this file calls them in order, which is also that of
+the panels: true coordinates before the drawings and models that use them.
 """
 
 import importlib
@@ -11,8 +12,8 @@ _MODULES = (
     "scene_import.operators", "scene_import.placement", "scene_import.panel", "prompts.tool",
     "reconstruct.preview_image", "reconstruct.operators", "prompts.operators", "prompts.suggest", "prompts.preview",
     "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.async_import", "results.operators",
-    "results.panel", "drawings.operators", "drawings.panel", "models.operators", "models.panel", "georef.operators",
-    "georef.tool", "georef.overlay", "georef.magnifier", "georef.panel", "town.operators", "town.panel", "cli",
+    "results.panel", "georef.operators", "georef.tool", "georef.overlay", "georef.magnifier", "georef.panel",
+    "drawings.operators", "drawings.panel", "models.operators", "models.panel", "town.operators", "town.panel", "cli",
 )  # fmt: skip
 
 
