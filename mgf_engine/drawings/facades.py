@@ -136,10 +136,12 @@ def _between(one: NDArray[np.float64] | float, other: float) -> NDArray[np.float
 
 
 def _peak(azimuth: Array, areas: Array, options: FacadeOptions) -> float:
+    """Return the direction with most wall area, in degrees; the last of equal ones."""
     count = np.bincount((azimuth * options.bins / 360).astype(int) % options.bins, areas, options.bins)
     step = np.minimum(np.arange(options.bins), options.bins - np.arange(options.bins)) * 360 / options.bins
     blurred = np.fft.irfft(np.fft.rfft(count) * np.fft.rfft(np.exp(-0.5 * (step / options.blur) ** 2)), options.bins)
-    return (float(blurred.argmax()) + 0.5) * 360 / options.bins
+    equal = np.flatnonzero(blurred >= blurred.max() * (1 - 1e-9))  # rounding differs by processor and must not choose
+    return (float(equal[-1]) + 0.5) * 360 / options.bins
 
 
 def _refined(peak: float, azimuth: Array, areas: Array, options: FacadeOptions) -> tuple[float, NDArray[np.bool_]]:

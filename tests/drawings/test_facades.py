@@ -11,7 +11,7 @@ import trimesh
 from support.job_of_house import FinishedJob
 from trimesh.transformations import rotation_matrix
 
-from mgf_engine.drawings.facades import find_facades
+from mgf_engine.drawings.facades import FacadeOptions, _peak, find_facades
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
 from mgf_engine.model.mesh import Mesh
@@ -62,3 +62,8 @@ def test_the_largest_side_is_a_facade_even_if_it_is_small(survey: Survey) -> Non
     """A small hut seen beside a mast that is far higher."""
     found = directions(of(survey, box(2, 2, 2), turret(1, 1, 0.03, 60, 64)))
     assert 0 in found or 90 in found
+
+
+@pytest.mark.parametrize("more", [(0.0, 0.0), (1e-13, 0.0), (0.0, 1e-13)])
+def test_rounding_does_not_choose_between_equal_walls(more: tuple[float, float]) -> None:
+    assert _peak(np.array([0.0, 180.0]), 12.0 + np.array(more), FacadeOptions()) == 180.25

@@ -91,7 +91,7 @@ def test_the_preview_obeys_whatever_the_segmenter_says(
             elif answer != "nothing":
                 small = cv2.resize(truth.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
                 lost = answer == "lost by the last click" and len(hints.positive) == len(clicks["positive"])
-                mask = ~small if answer == "the other way round" else small & ~lost
+                mask = ~small if answer == "the other way round" else small & (not lost)
             return Segment(mask, 1.0)
 
     monkeypatch.setattr(preview, "choose_segmenter", lambda *given: Segmenter())
