@@ -20,7 +20,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.native.library import call, parallel
 
 NEAREST = 64  # number of nearest views among which one is sought that shows a vertex
-AT_ONCE_VERTICES = 65536  # number of vertices for which these are sought together
+VERTICES_AT_ONCE = 65536  # number of vertices for which these are sought together
 WORTH = 0.002  # share of the faces that a sweep must remove to be repeated with the same slabs
 MOST_LOOSE = 1e6  # factor on the tolerances at which loosening them ends
 MOST_SLABS, SLAB = 32, 16384  # maximum number of slabs, and minimum number of faces in each
@@ -37,41 +37,47 @@ def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
     """
     if not views or not len(mesh.vertices):
         return np.zeros(len(mesh.vertices), np.float32)
-    tree = cKDTree(np.array([view.centre for view in views]))
+    centres = np.array([view.centre for view in views])
+    tree = cKDTree(centres)
     pixels = np.array([1.0 / max(view.fx, view.fy) for view in views])
     normals = vertex_normals(mesh)
     distance, nearest = tree.query(mesh.vertices, workers=-1)
     size = (distance * pixels[nearest]).astype(np.float32)
-    hidden = np.flatnonzero(~_shown(mesh.vertices, normals, views, nearest))
-    for rows in np.array_split(
-        hidden, -(-len(hidden) // AT_ONCE_VERTICES) or 1
-    ):  # more views are sought for these only
+    hidden = np.flatnonzero(~_shown(mesh.vertices, normals, centres, views, nearest))
+    for rows in np.array_split(hidden, -(-len(hidden) // VERTICES_AT_ONCE) or 1):  # for these more views are sought
         vertices, directions = mesh.vertices[rows], normals[rows]
         distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
         found = np.zeros(len(rows), bool)
-        for seen in (_shown, _faced):
+        for shows in (_shown, _faced):
             for k in range(nearest.shape[1]):
                 left = np.flatnonzero(~found)
-                good = left[seen(vertices[left], directions[left], views, nearest[left, k])]
+                good = left[shows(vertices[left], directions[left], centres, views, nearest[left, k])]
                 size[rows[good]] = distance[good, k] * pixels[nearest[good, k]]
                 found[good] = True
     return size
 
 
 def _faced(
-    vertices: NDArray[np.float64], normals: NDArray[np.float64], views: Sequence[View], number: NDArray[np.integer]
+    vertices: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    views: Sequence[View],
+    number: NDArray[np.integer],
 ) -> NDArray[np.bool_]:
     """Tell which vertices [N, 3] look towards their view, of which the number is given, [N]."""
-    centres = np.array([view.centre for view in views])[number]
-    towards: NDArray[np.bool_] = ((centres - vertices) * normals).sum(1) > 0
+    towards: NDArray[np.bool_] = ((centres[number] - vertices) * normals).sum(1) > 0
     return towards
 
 
 def _shown(
-    vertices: NDArray[np.float64], normals: NDArray[np.float64], views: Sequence[View], number: NDArray[np.integer]
+    vertices: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    centres: NDArray[np.float64],
+    views: Sequence[View],
+    number: NDArray[np.integer],
 ) -> NDArray[np.bool_]:
     """Tell which vertices [N, 3] look towards their view, [N], and lie in its frame."""
-    shown = _faced(vertices, normals, views, number)
+    shown = _faced(vertices, normals, centres, views, number)
     for view in np.unique(number[shown]):
         rows = np.flatnonzero(shown & (number == view))
         shown[rows] = views[view].project_into_frame(vertices[rows])[2]

@@ -55,11 +55,7 @@ def find_missing_pixels(
         options: what counts as homogeneous, and how far a region may reach from the mask.
     """
     mask = (labels != BACKGROUND) & (labels != IGNORE)
-    flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge
-    count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
-    size = np.bincount(region.ravel(), minlength=count)
-    inside = np.bincount(region[mask], minlength=count)
-    mostly = (inside >= options.building * size) & (size >= options.smallest)
+    region, _, mostly = _find_regions(lab, mask, options)
     mostly[0] = False  # edges
     chosen = mostly[region]
     source = mask & chosen
@@ -92,11 +88,7 @@ def find_clicked_regions(
         negative: clicks beside it, pixels [M, 2].
         options: what counts as homogeneous, and how large a region may be.
     """
-    flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge
-    count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
-    size = np.bincount(region.ravel(), minlength=count)
-    inside = np.bincount(region[mask], minlength=count)
-    chosen = (inside >= options.building * size) & (size >= options.smallest)
+    region, size, chosen = _find_regions(lab, mask, options)
     chosen[[_region_at(region, click, options.click_reach) for click in positive]] = True
     chosen &= size <= options.largest * region.size
     chosen[[_region_at(region, click, options.gap) for click in negative]] = False
@@ -105,6 +97,17 @@ def find_clicked_regions(
     wanted = chosen[region]
     others = grow((region > 0) & ~wanted, max(1, options.gap - 1))
     return np.asarray(grow(wanted, options.gap + 1) & ~others, bool)
+
+
+def _find_regions(
+    lab: NDArray[np.float32], mask: NDArray[np.bool_], options: HomogeneousRegionOptions
+) -> tuple[NDArray, NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the region of each pixel (0 at edges), the pixels of each region, and which are mostly in the mask."""
+    flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge
+    count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
+    size = np.bincount(region.ravel(), minlength=count)
+    inside = np.bincount(region[mask], minlength=count)
+    return region, size, (inside >= options.building * size) & (size >= options.smallest)
 
 
 def _region_at(region: NDArray, click: NDArray[np.floating], reach: int) -> int:
