@@ -53,6 +53,10 @@ def engine_python() -> Path:
     if not python.is_file():
         recover(managed_environment())
     if not python.is_file():
+        from .operators import installing  # they need this module
+
+        if installing():
+            raise UserError("The engine is being installed; wait until that has ended.")
         if unfinished(managed_environment()).exists():
             raise UserError(
                 "The engine's installation was interrupted; press Install Engine in the preferences to repeat it."

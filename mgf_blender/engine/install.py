@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import platform
+import re
 import shutil
 import sys
 import time
@@ -23,18 +24,22 @@ from .environment import python_of
 from .task import CANCELLED, DONE, Step, Task
 
 #: Roughly what the engine takes on disk, for the question before the download.
-_SIZE_CPU, _SIZE_CUDA, _SIZE_EITHER = N_("about 2 GB"), N_("about 7 GB"), N_("2 to 7 GB, as that index has it")
+_SIZE_CPU, _SIZE_CUDA, _SIZE_EITHER = N_("about 2 GB"), N_("about 7 GB"), N_("2 to 7 GB")
 _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _FREE_CPU, _FREE_CUDA = 3, 7  # GiB
 #: The engine's extras with the packages for drawings and map coordinates, and for models.
 SURVEY, MODELS = "survey", "models"
+#: Their names in the preferences.
+_TICKED = {SURVEY: N_("Drawings and Map Coordinates"), MODELS: N_("Models")}
 #: Letters of the longest file name in the packages, below site-packages: a licence in torch's wheel.
 _LONGEST_NAME = 167
 _LONGEST_PATH = 259  # letters that Windows allows unless long paths were switched on
 #: What pip prints when an index does not answer, over its versions.
-_NO_NETWORK = ("NewConnectionError", "Failed to establish a new connection", "Temporary failure in name resolution",
-               "ConnectTimeout", "ReadTimeoutError", "Connection refused", "Network is unreachable", "Max retries",
-               )  # fmt: skip
+_NO_NETWORK = ("NewConnectionError", "NameResolutionError", "Failed to establish a new connection", "ConnectTimeout",
+               "Temporary failure in name resolution", "ReadTimeoutError", "Connection refused",
+               "Network is unreachable", "Max retries")  # fmt: skip
+#: How pip names the packages that have no build for this Python, above "ResolutionImpossible".
+_NO_BUILD = "no matching distributions available for your environment:"
 #: How pip and the systems say that a path is too long.
 _PATH_TOO_LONG = ("Windows Long Path support", "[WinError 206]", "[Errno 36]", "[Errno 63]", "File name too long")
 
@@ -210,11 +215,9 @@ def explain(step: Step, lines: list[str]) -> str:
         return tr("The package index cannot be reached; check the network, or install from a wheel folder.")
     if "ensurepip" in output:
         return tr("This Python cannot make environments (ensurepip is missing); use an existing environment instead.")
-    if "No matching distribution" in output:
-        name = output.rsplit("No matching distribution found for ", 1)[-1].split()[0]
-        version = f"{sys.version_info.major}.{sys.version_info.minor}"
-        text = N_("No build of {name} fits Python {version} on this system; use an existing environment instead.")
-        return tr(text, name=name, version=version)
+    missing = _package_without_build(output)
+    if missing:
+        return _no_build(missing, output)
     if "ResolutionImpossible" in output:
         return tr("The packages do not fit together; fill the wheel folder with 'pip download -c constraints.txt'.")
     spoken = [line for line in lines if line.strip()]
@@ -223,6 +226,26 @@ def explain(step: Step, lines: list[str]) -> str:
     )
     text = N_("{step} failed ({reason}); open the log for the details.")
     return tr(text, step=tr(step.title), reason=short(last))
+
+
+def _package_without_build(output: str) -> str:
+    """Return the package of which pip found no build for this Python, or nothing."""
+    for mark in (_NO_BUILD, "No matching distribution found for "):
+        if mark in output:
+            return output.rsplit(mark, 1)[-1].split()[0].rstrip(";")
+    return ""
+
+
+def _no_build(name: str, output: str) -> str:
+    """Return the sentence for a package that has no build; one that was ticked can be left out."""
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
+    extra = re.search(rf'{re.escape(re.split("[=<>~!]", name)[0])}\b[^\n]*; extra == "(\w+)"', output)
+    if extra is not None and extra[1] in _TICKED:
+        text = N_("No build of {name} fits Python {version} on this system; install without '{extra}', or use an "
+                  "existing environment.")  # fmt: skip
+        return tr(text, name=name, version=version, extra=tr(_TICKED[extra[1]]))
+    text = N_("No build of {name} fits Python {version} on this system; use an existing environment instead.")
+    return tr(text, name=name, version=version)
 
 
 def short(line: str) -> str:

@@ -94,6 +94,11 @@ class MGF_OT_install_engine(_ReplacesEngine):
     bl_label = "Install Engine"
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            _plan()
+        except UserError as error:  # what cannot be installed is said, not asked
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
         return context.window_manager.invoke_confirm(
             self, event, title="Install the engine?", message=_install_question(), confirm_text="Install"
         )

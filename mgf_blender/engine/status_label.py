@@ -4,16 +4,23 @@
 import bpy
 
 from ..common.errors import UserError
-from ..common.text import draw_sentence
+from ..common.text import draw_sentence, tr
+from . import operators
 from .environment import engine_python
 
 
 def draw_engine_missing(layout: bpy.types.UILayout) -> bool:
-    """Say what is wrong with the engine and lead to the preferences; True when there is none."""
+    """Say what is wrong with the engine or how far its installation is, and lead to the preferences; True when there is
+    none."""
     try:
         engine_python()
     except UserError as error:
-        draw_sentence(layout, str(error), "ERROR")
+        _, task = operators.current()
+        if task is not None and operators.installing():
+            draw_sentence(layout, str(error), "INFO")
+            layout.progress(factor=task.fraction, text=tr(task.title), translate=False)
+        else:
+            draw_sentence(layout, str(error), "ERROR")
         layout.operator("mgf.show_preferences", icon="PREFERENCES")
         return True
     return False

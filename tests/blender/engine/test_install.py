@@ -13,11 +13,13 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from layouts import Recorder
 
 from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.job import Job
 from mgf_blender.engine import environment, install, operators, swap
+from mgf_blender.engine.status_label import draw_engine_missing
 from mgf_blender.engine.task import CANCELLED, DONE, FAILED, Step, Task
 
 
@@ -84,14 +86,30 @@ def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch):
     assert not (tmp_path / "environment").exists() and not (tmp_path / "log.txt").exists()
 
 
+def _no_build_of(package: str, asked: str) -> str:
+    """What pip 26 says where a package has no build for the Python in use."""
+    return (
+        f"The conflict is caused by:\n    mgf-engine{asked}\n    The user requested (constraint) {package}==1\n\n"
+        "Additionally, some packages in these conflicts have no matching distributions available for your environment:"
+        f"\n    {package}\n\nERROR: ResolutionImpossible: for help visit https://pip.pypa.io"
+    )
+
+
 @pytest.mark.parametrize(
     ("output", "words"),
     [
         ("Retrying (Retry(total=4)) after connection broken by 'NewConnectionError'", "cannot be reached"),
+        (
+            "WARNING: Retrying after connection broken by 'NameResolutionError(\"Failed to resolve 'download.pytorch.org' "
+            "([Errno -2] Name or service not known)\")'\n    torch\nERROR: ResolutionImpossible: for help visit",
+            "cannot be reached",
+        ),
         ("OSError: [Errno 28] No space left on device", "disk is full"),
         ("No module named ensurepip", "cannot make environments"),
         ("ERROR: No matching distribution found for torch==2.13.0", "No build of torch==2.13.0 fits"),
         ("ERROR: ResolutionImpossible: for help visit", "do not fit together"),
+        (_no_build_of("xatlas", ' [models] 0.1.0 depends on xatlas; extra == "models"'), "without 'Models', or"),
+        (_no_build_of("torch", " 0.1.0 depends on torch"), "No build of torch fits Python"),
         (
             "ERROR: Could not install packages due to an OSError: [Errno 2] No such file or directory: 'C:\\x'\n"
             "HINT: This error might have occurred since this system does not have Windows Long Path support enabled.",
@@ -135,7 +153,7 @@ def test_too_long_a_path_is_said_before_anything_is_written(tmp_path, monkeypatc
 def test_the_question_before_the_download_says_what_may_come(monkeypatch):
     monkeypatch.setattr(install.sys, "platform", "linux")
     sizes = [install.size(torch, default) for torch in ("cpu", "cuda") for default in (False, True)]
-    assert sizes == ["about 2 GB", "2 to 7 GB, as that index has it", "about 7 GB", "about 7 GB"]
+    assert sizes == ["about 2 GB", "2 to 7 GB", "about 7 GB", "about 7 GB"]
     monkeypatch.setattr(install.sys, "platform", "win32")
     assert install.size("cpu", True) == "about 2 GB"
     prefs = SimpleNamespace(torch_build="AUTO", wheel_folder="", default_index=False)
@@ -233,6 +251,37 @@ def test_blender_ended_in_the_middle_of_an_installation(tmp_path, monkeypatch):
     swap.wait()
     target.rename(tmp_path / "environment-old")  # the new one was about to come here
     assert environment.engine_python() == environment.python_of(target)
+
+
+def test_panels_say_that_the_engine_is_being_installed(addon, tmp_path, monkeypatch):
+    monkeypatch.delenv(environment.VARIABLE, raising=False)
+    monkeypatch.setattr(environment, "managed_environment", lambda: tmp_path / "environment")
+    task = shortened(tmp_path, "import time; time.sleep(60)")
+    monkeypatch.setattr(operators, "_task", task)
+    monkeypatch.setattr(operators, "_kind", "install")
+    while task.title != "Checking the engine":
+        task.drain()
+    layout = Recorder()
+    assert draw_engine_missing(layout)
+    said = " ".join(text for text, _ in layout.texts)
+    assert "is being installed" in said and "interrupted" not in said and "Checking the engine" in said
+    task.cancel()
+    task.run()
+    swap.wait()
+    layout = Recorder()
+    assert draw_engine_missing(layout)
+    assert "is not installed" in " ".join(text for text, _ in layout.texts)
+
+
+def test_what_cannot_be_installed_is_not_asked(addon, monkeypatch):
+    monkeypatch.setattr(operators, "preferences", lambda: SimpleNamespace(wheel_folder=""))
+    asked, said = [], []
+    manager = SimpleNamespace(invoke_confirm=lambda *_, **__: asked.append(1) or {"RUNNING_MODAL"})
+    operator = SimpleNamespace(report=lambda kind, text: said.append(text))
+    context = SimpleNamespace(window_manager=manager)
+    assert not bpy.app.online_access
+    assert operators.MGF_OT_install_engine.invoke(operator, context, None) == {"CANCELLED"}
+    assert not asked and "Online access is off" in said[0]
 
 
 def test_an_engine_in_use_is_kept(tmp_path, monkeypatch):
