@@ -49,7 +49,8 @@ class Parser(argparse.ArgumentParser):
         """Refuse an unknown command with a suggestion of the most similar one."""
         if action.dest == "command" and value not in self.commands:
             likely = difflib.get_close_matches(str(value), self.commands, n=1)
-            self.error(f"there is no command '{value}'{f', did you mean {likely[0]}' if likely else ''}")
+            meant = f"did you mean {likely[0]}? " if likely else ""
+            self.exit(EXIT_BAD_INPUT, f"Error: There is no command '{value}'; {meant}'mgf --help' lists all.\n")
         super()._check_value(action, value)
 
     def error(self, message: str) -> NoReturn:
@@ -62,7 +63,7 @@ def parse_arguments(args: Sequence[str]) -> argparse.Namespace:
     Raises:
         BadInput: one is unknown; the message names the one that was probably meant.
     """
-    parser = make_parser()
+    parser = make_parser(args[0] if args else "")
     parsed, unknown = parser.parse_known_args(args)
     if not unknown:
         return parsed
@@ -75,16 +76,21 @@ def parse_arguments(args: Sequence[str]) -> argparse.Namespace:
     raise BadInput(f"'mgf {parsed.command}' does not know '{wrong}'{meant} 'mgf {parsed.command} --help' lists all.")
 
 
-def make_parser() -> Parser:
-    """Make the parser of all commands."""
+def make_parser(command: str | None = None) -> Parser:
+    """Make the parser of all commands.
+
+    Args:
+        command: the command that is asked for. Modules of other commands are not imported then, and their arguments
+            are missing; None adds those of all commands, as the docs need them.
+    """
     parser = Parser(prog="mgf", description="Reconstruct a clean mesh of a building from photos.")
     parser.add_argument("--version", action="version", version=f"mgf {__version__}")
     _add_job_command(parser, "reconstruct", "run all stages: from photos to mesh and report")
     for stage in STAGES:
         _add_job_command(parser, stage.name, f"run the stages up to this one: {stage.help}")
     _add_tools(parser)
-    _add_after_the_job(parser)
-    _add_towns(parser)
+    _add_after_the_job(parser, command)
+    _add_towns(parser, command)
     parser.add_command("bench", help="run a benchmark suite; see 'mgf bench --help'", add_help=False)
     return parser
 
@@ -113,16 +119,16 @@ def _add_tools(mgf: Parser) -> None:
     weights.add_argument("--from", dest="source", type=_path, metavar="FOLDER", help="copy the files from this folder")
 
 
-def _add_after_the_job(mgf: Parser) -> None:
+def _add_after_the_job(mgf: Parser, only: str | None) -> None:
     """Add the commands that work on finished jobs, meshes and single photos."""
     evaluate = mgf.add_command("evaluate", help="compare a mesh with a true mesh, or measure the evenness of its walls")
-    _add_arguments_of("evaluation.command", evaluate)
+    _add_arguments_of("evaluation.command", evaluate, only)
     drawings = mgf.add_command(
         "drawings", help="make drawings of a finished job: facade orthophotos, plans, elevations, sections, quantities"
     )
-    _add_arguments_of("drawings.command", drawings)
+    _add_arguments_of("drawings.command", drawings, only)
     models = mgf.add_command("models", help="models of a finished job: levels of detail, 3D Tiles, solid, USD, points")
-    _add_arguments_of("models.command", models)
+    _add_arguments_of("models.command", models, only)
     preview = mgf.add_command("preview", help="make the mask of one photo from its own clicks")
     _add_preview_arguments(preview)
     clean = mgf.add_command("clean", help="list or remove the results of earlier runs of a job")
@@ -133,10 +139,10 @@ def _add_after_the_job(mgf: Parser) -> None:
         "georef", help="georeference a finished job by GPS, control points or scale bars",
         argument_default=argparse.SUPPRESS,
     )  # fmt: skip
-    _add_georef_arguments(georef)
+    _add_georef_arguments(georef, only)
 
 
-def _add_towns(mgf: Parser) -> None:
+def _add_towns(mgf: Parser, only: str | None) -> None:
     """Add the commands for many buildings in one scene."""
     footprints = "every building of a scene, from a map of footprints"
     for name, module, text in (
@@ -145,7 +151,7 @@ def _add_towns(mgf: Parser) -> None:
         ("suggest-clicks", "town.suggest", "suggest clicks on one building, from the sparse points"),
     ):
         command = mgf.add_command(name, help=text, argument_default=argparse.SUPPRESS)
-        _add_arguments_of(module, command)
+        _add_arguments_of(module, command, only)
         _add_config_arguments(command)
 
 
@@ -155,9 +161,13 @@ def _path(text: str) -> Path:
     return Path(text)
 
 
-def _add_arguments_of(module: str, parser: Parser) -> None:
-    """Add the arguments that a command's own module declares; it is imported when the parser is made."""
-    import_module(f"mgf_engine.{module}").add_arguments(parser)
+def _add_arguments_of(module: str, parser: Parser, only: str | None) -> None:
+    """Add the arguments that a command's own module declares, unless another command is the only one asked for.
+
+    Such modules import numpy and torch, which take seconds to load.
+    """
+    if only is None or parser.prog == f"mgf {only}":
+        import_module(f"mgf_engine.{module}").add_arguments(parser)
 
 
 def _add_config_arguments(parser: Parser) -> None:
@@ -172,9 +182,9 @@ def _add_config_arguments(parser: Parser) -> None:
     _add_options(parser)
 
 
-def _add_georef_arguments(parser: Parser) -> None:
+def _add_georef_arguments(parser: Parser, only: str | None) -> None:
     parser.add_argument("job", type=_path, metavar="JOB", help="folder of a finished job")
-    _add_arguments_of("georef.command", parser)
+    _add_arguments_of("georef.command", parser, only)
     for spec in (f for f in option_fields() if f.metadata["section"] == "georef"):
         _add_option(parser, spec)
 

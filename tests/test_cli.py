@@ -48,6 +48,17 @@ def test_libraries_are_told_to_keep_to_one_thread_before_they_are_loaded() -> No
     assert run.stdout.endswith("True\n"), run.stderr
 
 
+@pytest.mark.parametrize("args", [["--version"], ["--help"], ["reconstruct", "--help"], ["recontruct"], ["clean"]])
+def test_help_and_slips_are_answered_without_loading_libraries(args: list[str]) -> None:
+    """They take seconds to load, which is long for whoever asks for help or has mistyped a word."""
+    program = (
+        f"import sys; from mgf_engine import cli\ntry:\n cli.main({args})\nexcept SystemExit:\n"
+        " print(sorted({'numpy', 'scipy', 'torch', 'trimesh'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert run.stdout.endswith("[]\n"), run.stdout[-200:] + run.stderr
+
+
 @pytest.mark.parametrize(
     ("make", "args", "part"),
     [
@@ -367,7 +378,7 @@ def _flags_in_help(parser: Parser) -> str:
         (["town", "scene", "--out", "town", "--cores", "all"], "invalid int value: 'all'"),
         (
             ["rekonstruct"],
-            "Error: There is no command 'rekonstruct', did you mean reconstruct; 'mgf --help' lists all.",
+            "Error: There is no command 'rekonstruct'; did you mean reconstruct? 'mgf --help' lists all.",
         ),
         (["xyzzy"], "no command 'xyzzy'; 'mgf --help' lists all."),
     ],
