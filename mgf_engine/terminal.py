@@ -86,7 +86,7 @@ def _sentence(message: Message) -> str | None:
         where = f" (log: {message['log']})" if message["log"] else ""
         return f"Error: {message['text']}{where}"
     if kind == "result":
-        figures = ", ".join(f"{k} {v}" for k, v in message["figures"].items() if v is not None)
+        figures = ", ".join(_figures(message))
         files = "\n".join(f"  {name}: {path}" for name, path in message["files"].items())
         return "\n".join((f"Done. {figures}", files, *_suggestion(message)))
     return None
@@ -99,7 +99,10 @@ def _suggestion(message: Message) -> list[str]:
 
 
 def _left(message: Message) -> str:
-    return "" if message["seconds_left"] is None else f"{duration(message['seconds_left'])} left"
+    """Return the time left of the job; of the stage where the job has no estimate; nothing while both are unknown."""
+    if message["job_seconds_left"] is not None:
+        return f"{duration(message['job_seconds_left'])} left in all"
+    return "" if message["seconds_left"] is None else f"{duration(message['seconds_left'])} left in this stage"
 
 
 class _Plain:
@@ -116,7 +119,7 @@ class _Plain:
             tenth = int(message["fraction"] * 10)
             if tenth > self._tenth:
                 self._tenth = tenth
-                text = f"  {message['fraction']:4.0%}  {_left(message)}  {_figures(message)}".rstrip()
+                text = f"  {message['fraction']:4.0%}  {_left(message)}  {'  '.join(_figures(message))}".rstrip()
         if text is not None:
             print(text, file=sys.stderr, flush=True)
 
@@ -144,7 +147,9 @@ class _Bar:
                 self._progress.update(self._task, completed=1.0, left="done earlier")
         elif kind == "progress" and self._task is not None:
             left = "" if message["fraction"] >= 1 else _left(message)
-            self._progress.update(self._task, completed=message["fraction"], left=left, figures=_figures(message))
+            self._progress.update(
+                self._task, completed=message["fraction"], left=left, figures="  ".join(_figures(message))
+            )
         elif kind in ("result", "failed"):
             self._progress.stop()
         text = None if kind == "stage" else _sentence(message)
@@ -152,5 +157,13 @@ class _Bar:
             self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
-def _figures(message: Message) -> str:
-    return "  ".join(f"{name} {value}" for name, value in message["figures"].items())
+def _figures(message: Message) -> list[str]:
+    """Return the figures of a message as people read them, without unknown ones."""
+    said = []
+    for key, value in message["figures"].items():
+        name = key.replace("_", " ")
+        if isinstance(value, str):
+            said.append(f"{name}: {value}")
+        elif value is not None:
+            said.append(f"{name} {value:,}")
+    return said

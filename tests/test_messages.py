@@ -79,6 +79,22 @@ def test_every_style_shows_every_message(style: str, capsys) -> None:
         assert "? left" not in out.out + out.err
 
 
+@pytest.mark.parametrize("style", ["plain", "bar"])
+def test_the_time_left_is_that_of_the_whole_job_where_it_was_estimated(style: str, capsys) -> None:
+    reporter = Reporter(make_sink(style), min_interval=0)
+    reporter.stages = STAGE_NAMES
+    reporter.stage("scene")
+    reporter.progress(0.5, 7.0, start="planes", gaussians=28819, start_gaussians=1000)
+    reporter.expect({"masks": 60.0, "field": 30.0})
+    reporter.progress(0.8, 5.0)
+    reporter.send("result", path="j", files={}, figures={"faces": 251606, "psnr": 24.5})
+    said = " ".join("".join(capsys.readouterr()).split())
+    assert "7 s left in this stage" in said or style == "bar"  # the bar shows only its last state
+    assert "1 min 35 s left in all" in said
+    assert "start: planes gaussians 28,819 start gaussians 1,000" in said or style == "bar"
+    assert "Done. faces 251,606, psnr 24.5" in said
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(None, "?"), (3.2, "3 s"), (75, "1 min 15 s"), (3900, "1 h 5 min")])
 def test_durations_read_well(seconds: float | None, text: str) -> None:
     assert duration(seconds) == text
