@@ -88,7 +88,7 @@ def _sentence(message: Message) -> str | None:
     if kind == "result":
         figures = ", ".join(_figures(message))
         files = "\n".join(f"  {name}: {path}" for name, path in message["files"].items())
-        return "\n".join((f"Done. {figures}", files, *_suggestion(message)))
+        return "\n".join((f"Done. {figures}", *([files] if files else []), *_suggestion(message)))
     return None
 
 

@@ -95,6 +95,11 @@ def test_the_time_left_is_that_of_the_whole_job_where_it_was_estimated(style: st
     assert "Done. faces 251,606, psnr 24.5" in said
 
 
+def test_a_result_without_files_leaves_no_empty_line(capsys) -> None:
+    Reporter(make_sink("plain")).send("result", path="j", files={}, figures={"photos": 3}, suggested=["a.jpg"])
+    assert capsys.readouterr().err == "Done. photos 3\nClick the building in some of these photos: a.jpg\n"
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(None, "?"), (3.2, "3 s"), (75, "1 min 15 s"), (3900, "1 h 5 min")])
 def test_durations_read_well(seconds: float | None, text: str) -> None:
     assert duration(seconds) == text

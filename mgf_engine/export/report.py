@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import as_dict
 from mgf_engine.errors import BadInput
+from mgf_engine.evaluation.advice import JobFacts, advice
 from mgf_engine.evaluation.curve import curve_svg
 from mgf_engine.evaluation.evenness import Evenness, measure_evenness, typical_pixel
 from mgf_engine.evaluation.images import Scores, mean_scores, score
@@ -23,6 +24,7 @@ from mgf_engine.evaluation.pictures import error_picture, mask_overlay, normal_p
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, shrunk, write_report
 from mgf_engine.evaluation.story import placing
 from mgf_engine.evaluation.surfaces import Surface
+from mgf_engine.evaluation.trust import in_colors_of_trust, measure_trust
 from mgf_engine.export.views import render_view
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit
@@ -44,6 +46,7 @@ from mgf_engine.texture.draw import draw_textured
 
 _TRAINING_VIEWS_SHOWN = 3
 _RELIEF_SIDES = 4
+_TRUST_SIDES = 4
 _BYTES_PER_PIXEL = 300  # of a photo while it is compared with its rendering (measured)
 
 
@@ -102,6 +105,11 @@ def report_job(
     data.lpips = lpips.name if lpips else ""
     data.curve_drawing, data.turntable = drawing, list(turned)
     data.relief, data.evenness = list(relief), evenness
+    data.trust = measure_trust(mesh)
+    if data.trust is not None:
+        data.trust_pictures = list(turntable(in_colors_of_trust(mesh), scene, _TRUST_SIDES))
+    data.pixel = _pixel(evenness, fit)
+    data.advice = advice(_facts(scene, masks, data))
     data.georeference, data.georeference_html = georeference_figures(fit), georeference_html(fit, scene)
     if quality is not None:
         data.counts["PSNR of the textured mesh, held-out photos (dB)"] = round(quality, 2)
@@ -139,6 +147,25 @@ def _evenness(mesh: Mesh, scene: Scene) -> Evenness | None:
     except BadInput:
         return None
     return replace(found, ground_pixel=pixel / scene.to_normalised.scale)
+
+
+def _pixel(evenness: Evenness | None, fit: GeoreferenceFit) -> str:
+    """Return what a pixel of the working photos covers on the building, in millimetres where lengths are true."""
+    if evenness is None:
+        return ""
+    size = evenness.ground_pixel * fit.georeference.scale
+    return f"{1000 * size:.3g} mm" if fit.georeference.metric else f"{size:.3g} units"
+
+
+def _facts(scene: Scene, masks: MaskSet, data: ReportData) -> JobFacts:
+    """Collect what advice depends on."""
+    return JobFacts(
+        data.trust,
+        photo_side=max(max(view.original_width, view.original_height) for view in scene.views),
+        working_side=max(max(view.width, view.height) for view in scene.views),
+        weak_masks=tuple(view.name for view, used in zip(scene.views, masks.used, strict=True) if not used),
+        trained=data.iterations > 0,
+    )
 
 
 def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:

@@ -35,7 +35,7 @@ def georeference_html(fit: GeoreferenceFit, scene: Scene) -> str:
     )  # fmt: skip
     text = environment.get_template("report.html.j2").render(
         facts=facts(fit), notes=fit.notes, points=_point_rows(fit), bars=fit.bars,
-        picture=_picture(fit, scene),
+        picture=_picture(fit, scene), metric=fit.georeference.metric,
     )  # fmt: skip
     return f"{BEGIN}\n{text}\n{END}"
 

@@ -21,6 +21,7 @@ from mgf_engine.evaluation.curve import curve_svg, smoothed
 from mgf_engine.evaluation.evenness import Evenness, Plane
 from mgf_engine.evaluation.images import score
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
+from mgf_engine.evaluation.trust import Trust
 from mgf_engine.export import report as job_report
 from mgf_engine.images import write_png
 
@@ -46,6 +47,8 @@ def data(tmp_path: Path) -> ReportData:
         versions={"python": "3.11"}, machine={"processor": "Fast One"}, kernel="avx2", peak_memory=2_100_000_000,
         warnings=["One photo is <odd>; look at it."], turntable=[np.zeros((12, 16, 3), np.uint8)] * 8,
         relief=[np.zeros((12, 16, 3), np.uint8)] * 4, evenness=Evenness(0.02, (Plane(0.5, 0.61, 3.25, 11.5),)),
+        trust=Trust(0.613, 0.2, 0.1, 0.087), trust_pictures=[np.zeros((12, 16, 3), np.uint8)] * 4,
+        advice=["Take a photo of the <back>."], pixel="12 mm",
         contact_sheet=tmp_path / "sheet.png", files={"mesh": "mesh.ply"}, figures={"f1": np.float32(0.5)},
     )  # fmt: skip
 
@@ -93,11 +96,15 @@ def test_page(data: ReportData, tmp_path: Path) -> None:
         "4 min 02 s",
         "avx2",
         "11.5°",
+        "61 %",
+        "61.3 %",
+        "Take a photo of the <back>.",
+        "12 mm",
     ):
         assert text in page.text
     assert page.text.index("b.jpg") < page.text.index("a.jpg")  # held-out views come first
     pictures = [s for s in page.sources if s.startswith("data:")]
-    assert len(pictures) == 6 + 8 + 4 + 1
+    assert len(pictures) == 6 + 8 + 4 + 4 + 1
     assert "cleaning" in page.text and "81.1 %" in page.text
     assert "80.0 ms" in page.text  # 120 s of backward in 1500 iterations
     for name in data.config:
@@ -132,6 +139,8 @@ def test_figures(data: ReportData, tmp_path: Path) -> None:
     assert figures["training"]["lpips"] is None
     assert figures["seconds"] == 241.5 and figures["seed"] == 0 and figures["figures"] == {"f1": 0.5}
     assert figures["evenness"]["planes"][0]["angle_90"] == figures["evenness"]["mean"]["angle_90"] == 11.5
+    assert figures["trust"] == {"agreed": 0.613, "plain": 0.2, "few": 0.1, "unseen": 0.087}
+    assert figures["advice"] == ["Take a photo of the <back>."]
     assert figures["config"]["preset"] == "draft" and len(figures["views"]) == 4
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.json", "sheet.png"]
 
