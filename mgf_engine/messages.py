@@ -16,9 +16,9 @@ progress     ``stage``, ``fraction`` (0..1 of the stage), ``overall`` (0..1 of t
              (name -> number or text)
 preview      ``stage``, ``path`` (a picture worth showing now), ``title``
 warning      ``text`` (one sentence: cause and cure)
-result       ``path`` (job folder), ``files`` (name -> path), ``figures``, ``speed`` (time of this machine over that of
-             the one that estimates were fitted on, as far as its jobs have told; else null), ``suggested`` (names of
-             photos worth clicking; of a scene that was read without clicks or masks alone)
+result       ``path`` (job folder), ``files`` (name -> path), ``figures``, ``seconds`` (of the run), ``speed`` (time of
+             this machine over that of the one that estimates were fitted on, as far as its jobs have told; else null),
+             ``suggested`` (names of photos worth clicking; of a scene that was read without clicks or masks alone)
 failed       ``code`` (exit code), ``text`` (one sentence), ``log`` (path of the log, or null)
 ===========  ==========================================================================================
 """
@@ -69,13 +69,15 @@ class Reporter:
         self.expected: dict[str, float] = {}
         self._min_interval = min_interval
         self._last = 0.0
-        self._stage_started = time.monotonic()
+        self._started = self._stage_started = time.monotonic()
         self._pace = 1.0  # time taken over time expected, of the stage before
         self._reached = self._begun_at = 0.0  # of the overall bar: so far, and when the expectation was set
         self._cancel = threading.Event()
 
     def send(self, type: str, **fields: Any) -> None:
-        """Send one message of the given type."""
+        """Send one message of the given type; a result tells the seconds since the reporter was made."""
+        if type == "result":
+            fields["seconds"] = round(time.monotonic() - self._started, 1)
         message: Message = {"v": SCHEMA_VERSION, "type": type, "time": round(time.time(), 3), **fields}
         for sink in self.sinks:
             sink(message)

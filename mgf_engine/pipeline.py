@@ -218,4 +218,5 @@ def _run_stage(job: Job, name: str, reporter: Reporter) -> None:
         )
     reporter.progress(1.0, 0.0, **{k: v for k, v in figures.items() if isinstance(v, int | float | str)})
     job.finish(name, key, seconds, cpu, memory.peak, figures, list(reporter.warnings))
-    log.info("stage %s took %.1f s and %.2f GB: %s", name, seconds, memory.peak / GB, figures)
+    short = {key: value for key, value in figures.items() if not isinstance(value, list)}  # no curve of the training
+    log.info("stage %s took %.1f s and %.2f GB: %s", name, seconds, memory.peak / GB, short)

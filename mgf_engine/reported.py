@@ -7,6 +7,7 @@ import argparse
 import contextlib
 import logging
 import math
+import os
 import signal
 import sys
 import threading
@@ -21,6 +22,8 @@ from mgf_engine.messages import Reporter
 from mgf_engine.option_input import option_pairs, read_config
 from mgf_engine.terminal import drop_output, make_sink
 
+#: What whoever presses Ctrl-C reads at once: the next step may be some seconds away.
+STOPPING = b"\nStopping at the next step; Ctrl-C again stops at once.\n"
 STYLES = ("auto", "bar", "plain", "json", "none")
 
 
@@ -115,6 +118,9 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
 
     def ask(number: int, frame: object) -> None:
         reporter.cancel()
+        if number == signal.SIGINT:
+            with contextlib.suppress(OSError):
+                os.write(2, STOPPING)  # at once: a stream of Python may be in use where the signal came
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     before = {}

@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Callable
 
+from mgf_engine.errors import EXIT_CANCELLED
 from mgf_engine.messages import Message, Sink, encode
 
 
@@ -84,11 +85,13 @@ def _sentence(message: Message) -> str | None:
         return f"Warning: {message['text']}"
     if kind == "failed":
         where = f" (log: {message['log']})" if message["log"] else ""
-        return f"Error: {message['text']}{where}"
+        said = "" if message["code"] == EXIT_CANCELLED else "Error: "
+        return f"{said}{message['text']}{where}"
     if kind == "result":
         figures = ", ".join(_figures(message))
         files = "\n".join(f"  {name}: {path}" for name, path in message["files"].items())
-        return "\n".join((f"Done. {figures}", *([files] if files else []), *_suggestion(message)))
+        done = f"Done in {duration(message['seconds'])}." if message["seconds"] >= 1 else "Done."
+        return "\n".join((f"{done} {figures}".rstrip(), *([files] if files else []), *_suggestion(message)))
     return None
 
 

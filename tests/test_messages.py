@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import json
+import time
 
 import pytest
 
@@ -95,9 +96,23 @@ def test_the_time_left_is_that_of_the_whole_job_where_it_was_estimated(style: st
     assert "Done. faces 251,606, psnr 24.5" in said
 
 
+def test_a_result_tells_how_long_it_took(capsys, monkeypatch) -> None:
+    reporter = Reporter(make_sink("plain"))
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 200.0)
+    reporter.send("result", path="j", files={}, figures={})
+    assert capsys.readouterr().err == "Done in 3 min 20 s.\n"
+
+
 def test_a_result_without_files_leaves_no_empty_line(capsys) -> None:
     Reporter(make_sink("plain")).send("result", path="j", files={}, figures={"photos": 3}, suggested=["a.jpg"])
     assert capsys.readouterr().err == "Done. photos 3\nClick the building in some of these photos: a.jpg\n"
+
+
+@pytest.mark.parametrize("style", ["plain", "bar", "none"])
+def test_who_cancels_is_not_told_of_an_error(style: str, capsys) -> None:
+    Reporter(make_sink(style)).send("failed", code=3, text="Cancelled; run again.", log=None)
+    assert capsys.readouterr().err.strip() == "Cancelled; run again."
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(None, "?"), (3.2, "3 s"), (75, "1 min 15 s"), (3900, "1 h 5 min")])

@@ -32,6 +32,20 @@ def test_a_warning_is_printed_once_where_there_is_no_log() -> None:
     assert (done.stdout + done.stderr).count("The roof is missing.") == 1
 
 
+def test_ctrl_c_is_answered_at_once(capfd: pytest.CaptureFixture[str]) -> None:
+    """The next step, where the work can stop, may be half a minute away."""
+    said: list[str] = []
+
+    def work(reporter: Reporter) -> None:
+        signal.raise_signal(signal.SIGINT)
+        said.append(capfd.readouterr().err)
+        reporter.check()
+
+    assert run_reported(argparse.Namespace(progress="plain", cancel_on_eof=False), work) == EXIT_CANCELLED
+    assert said == ["\nStopping at the next step; Ctrl-C again stops at once.\n"]
+    assert capfd.readouterr().err == "Cancelled; what was there before is unchanged.\n"
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_command_called_from_python_leaves_its_signal_handlers(fails: bool) -> None:
     """Ctrl-C in a notebook, and SIGTERM to a server, are the caller's again when the command has ended."""
