@@ -38,12 +38,13 @@ from pathlib import Path
 
 def weigh(job, reporter):
     job.path("weight.txt").write_text("1200 t")
-    return {"tonnes": 1200}
+    return {"tonnes": 1200, "curve": [7777]}
 
 sys.modules["weighing"] = types.ModuleType("weighing")
 sys.modules["weighing"].weigh = weigh
 
 import json
+import logging
 from mgf_engine import config, costs, estimate, job, messages, pipeline, results, runs
 from mgf_engine.export import report, stage
 
@@ -60,6 +61,11 @@ with job.Job.start(source / "job", source) as work:
         work.finish(name, keys[name], 1.0, 1.0, 1, {}, [])
     work.path("mesh.ply").write_bytes(b"ply")
     reporter.stage("weigh")
+    log, heard = logging.getLogger("mgf"), logging.Handler()
+    lines = []
+    heard.emit = lambda record: lines.append(record.getMessage())
+    log.addHandler(heard)
+    log.setLevel(logging.INFO)
     pipeline._run_stage(work, "weigh", reporter)
     files, done = pipeline.result_files(work), work.done("weigh")
     linked = report._files(work)
@@ -71,7 +77,7 @@ with job.Job.start(source / "job", user_options={"seed": 5}, resume=True) as wor
 photos = estimate.Photos(10, (400, 300))
 print(json.dumps({
     "names": list(pipeline.STAGE_NAMES), "files": files, "done": done, "figures": figures, "lost": sorted(lost),
-    "kept_key": kept_key, "linked": linked,
+    "kept_key": kept_key, "log": lines, "linked": linked,
     "share": messages.STAGE_SHARE["weigh"], "index": [m["index"] for m in sent if m["type"] == "stage"],
     "schema": config.options_schema()["stages"], "sections": config.options_schema()["sections"],
     "seconds": estimate.estimate(config.make_config(), photos, speed=1.0).seconds["weigh"],
@@ -94,8 +100,12 @@ def told(tmp_path_factory) -> dict:
 
 def test_a_sixth_stage_runs_and_is_recorded(told: dict) -> None:
     assert told["names"] == ["scene", "masks", "field", "mesh", "weigh", "deliver"]
-    assert told["done"] and told["figures"] == {"tonnes": 1200}
+    assert told["done"] and told["figures"] == {"tonnes": 1200, "curve": [7777]}
     assert told["lost"] == ["weigh"] and not told["kept_key"]  # its result is missed; its options count
+
+
+def test_the_log_has_the_figures_of_a_stage_but_no_curves(told: dict) -> None:
+    assert "'tonnes': 1200" in told["log"][-1] and "7777" not in told["log"][-1]
 
 
 def test_a_sixth_stage_is_in_messages_and_estimates(told: dict) -> None:
