@@ -7,7 +7,7 @@ occasion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -47,15 +47,19 @@ def load_field(job: Job) -> Gaussians:
         return read_field(job.path("checkpoints", "field.npz"))
 
 
-def load_mesh(job: Job) -> Mesh:
+def load_mesh(job: Job, values: Sequence[str] = ()) -> Mesh:
     """Read the mesh, scene frame.
+
+    Args:
+        job: open job.
+        values: names of further vertex attributes to read, such as ``confidence``.
 
     Raises:
         BadInput: the mesh is missing or damaged.
     """
     with _made_by(job, "mesh"):
         try:
-            return read_ply(job.path("mesh.ply"))
+            return read_ply(job.path("mesh.ply"), values)
         except BadInput as error:
             raise BadInput(f"The mesh in '{job.folder}' is missing or damaged; run 'mgf mesh' again.") from error
 

@@ -75,7 +75,13 @@ def on_white(render: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.u
 
 
 def turntable(
-    mesh: Mesh, scene: Scene, count: int = 8, size: tuple[int, int] = (480, 360), *, relief: bool = False
+    mesh: Mesh,
+    scene: Scene,
+    count: int = 8,
+    size: tuple[int, int] = (480, 360),
+    *,
+    relief: bool = False,
+    grey_behind: bool = False,
 ) -> list[NDArray[np.uint8]]:
     """Return the mesh (normalised frame) from ``count`` sides; up is where the photographers' cameras say it is.
 
@@ -85,6 +91,7 @@ def turntable(
         count: number of pictures.
         size: width and height of each, pixels.
         relief: without colours and lit from the side, so that pits show.
+        grey_behind: faces seen from behind are grey, not reddish.
 
     Returns:
         RGB uint8 [height, width, 3] each; nothing for a mesh without faces.
@@ -94,7 +101,11 @@ def turntable(
     if not len(mesh.faces):
         return []
     views = turntable_views(mesh, scene, count, size)
-    return list(parallel_map(lambda view: shaded(mesh, view, color=not relief, from_side=relief), views))
+
+    def draw(view: View) -> NDArray[np.uint8]:
+        return shaded(mesh, view, color=not relief, from_side=relief, grey_behind=grey_behind)
+
+    return list(parallel_map(draw, views))
 
 
 def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int]) -> list[View]:

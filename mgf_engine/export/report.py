@@ -107,7 +107,7 @@ def report_job(
     data.relief, data.evenness = list(relief), evenness
     data.trust = measure_trust(mesh)
     if data.trust is not None:
-        data.trust_pictures = list(turntable(in_colors_of_trust(mesh), scene, _TRUST_SIDES))
+        data.trust_pictures = list(turntable(in_colors_of_trust(mesh), scene, _TRUST_SIDES, grey_behind=True))
     data.pixel = _pixel(evenness, fit)
     data.advice = advice(_facts(scene, masks, data))
     data.georeference, data.georeference_html = georeference_figures(fit), georeference_html(fit, scene)

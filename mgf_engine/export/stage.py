@@ -47,7 +47,8 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     """
 
     scene, masks = load_inputs(job)
-    mesh = load_mesh(job)
+    rated = load_mesh(job, ("confidence", "views"))
+    mesh = replace(rated, values={})
     fit = georeference_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
     field = load_field(job).to(choose_device(job.config.device).device)
     chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
@@ -60,6 +61,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
         return name
 
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
+    shown = replace(normalised, values=rated.values)
     with ThreadPoolExecutor(1, "mgf-texture") as beside:
         warnings: list[str] = []  # this thread reports them: who listens expects all messages from one
         make = partial(_texture, job, scene, masks, normalised, warnings.append, reporter.check)
@@ -78,7 +80,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
             write_models(job, mesh, fit, made)
             return made
 
-        figures = report_job(job, JobResults(scene, masks, field, normalised), texture, fit, reporter)
+        figures = report_job(job, JobResults(scene, masks, field, shown), texture, fit, reporter)
     figures = {**figures, **rms_figures(fit)}
     manifest = {**_manifest(job, scene, renders, figures), **_offset(field, scene)}
     keep_run(job.folder, _RESULT, manifest, job.user_options)

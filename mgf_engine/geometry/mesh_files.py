@@ -65,8 +65,12 @@ def write_ply(mesh: Mesh, path: Path, comments: Sequence[str] = _SCENE_FRAME) ->
         file.write(faces.tobytes())
 
 
-def read_ply(path: Path) -> Mesh:
+def read_ply(path: Path, values: Sequence[str] = ()) -> Mesh:
     """Read a triangle mesh; files from other programs work as well, colours are white where there are none.
+
+    Args:
+        path: the file.
+        values: names of further vertex attributes; those that the file has are kept.
 
     Raises:
         BadInput: the file is missing, damaged, or holds no triangles.
@@ -84,7 +88,13 @@ def read_ply(path: Path) -> Mesh:
     colors = np.full((len(vertices), 3), 255, np.uint8)
     if loaded.visual.kind == "vertex":
         colors = np.asarray(loaded.visual.vertex_colors, np.uint8)[:, :3].copy()
-    return Mesh(vertices, faces, colors)
+    return Mesh(vertices, faces, colors, _values(loaded.metadata["_ply_raw"]["vertex"]["data"], values))
+
+
+def _values(data: Any, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return the columns of that name that a table of vertices has; binary files give an array, others a dict."""
+    found = data if isinstance(data, dict) else data.dtype.names
+    return {name: np.asarray(data[name]).reshape(-1) for name in names if name in found}
 
 
 def write_texture(texture: Texture, folder: Path) -> None:

@@ -108,8 +108,17 @@ def face_normals(mesh: Mesh) -> NDArray[np.float64]:
     return normals / np.where(length > 0, length, 1.0)
 
 
+_GREY = 150.0  # of faces seen from behind, grey levels
+
+
 def shaded(
-    mesh: Mesh, view: View, oversample: int = 2, *, color: bool = False, from_side: bool = False
+    mesh: Mesh,
+    view: View,
+    oversample: int = 2,
+    *,
+    color: bool = False,
+    from_side: bool = False,
+    grey_behind: bool = False,
 ) -> NDArray[np.uint8]:
     """Return a picture of the mesh, RGB uint8 [H, W, 3] on white.
 
@@ -119,6 +128,7 @@ def shaded(
         color: with the vertex colours instead of clay; faces seen from behind are reddish either way.
         oversample: samples per pixel in each direction.
         from_side: lit from the upper left, so that pits in a wall show; else from the camera.
+        grey_behind: faces seen from behind are grey, where reddish could be taken for a colour that means something.
     """
     if not len(mesh.faces):
         return np.full((view.height, view.width, 3), 255, np.uint8)
@@ -136,9 +146,8 @@ def shaded(
     picture = np.empty((*face.shape, 3), np.float32)
     for k, behind in enumerate((1.0, 0.55, 0.5)):
         own = np.float32(225.0) if base is None else base[:, k].take(index)
-        picture[..., k] = np.where(
-            seen, own * np.minimum(light, 1) * np.where(facing >= 0, np.float32(1), np.float32(behind)), 255
-        )
+        away = np.float32(_GREY) if grey_behind else own * np.float32(behind)
+        picture[..., k] = np.where(seen, np.minimum(light, 1) * np.where(facing >= 0, own, away), 255)
     return cv2.resize(picture, (view.width, view.height), interpolation=cv2.INTER_AREA).round().astype(np.uint8)
 
 

@@ -48,6 +48,25 @@ def test_ply_round_trip(tmp_path, offset):
     assert np.array_equal(read.faces, mesh.faces) and np.array_equal(read.colors, mesh.colors)
 
 
+def test_further_values_of_the_vertices_are_read_where_they_are_asked_for(tmp_path):
+    mesh = colored()
+    views = (np.arange(len(mesh.vertices)) % 7).astype(np.uint8)
+    confidence = np.linspace(0, 1, len(mesh.vertices)).astype(np.float32)
+    write_ply(replace(mesh, values={"views": views, "confidence": confidence}), tmp_path / "mesh.ply")
+    assert not read_ply(tmp_path / "mesh.ply").values
+    read = read_ply(tmp_path / "mesh.ply", ("confidence", "warmth")).values
+    assert list(read) == ["confidence"] and np.array_equal(read["confidence"], confidence)
+
+
+def test_further_values_are_read_from_text_as_well(tmp_path):
+    columns = "".join(f"property float {name}\n" for name in ("x", "y", "z", "views"))
+    header = (
+        f"ply\nformat ascii 1.0\nelement vertex 3\n{columns}element face 1\nproperty list uchar int vertex_indices\n"
+    )
+    (tmp_path / "mesh.ply").write_text(f"{header}end_header\n0 0 0 1\n1 0 0 2\n0 1 0 3\n3 0 1 2\n")
+    assert read_ply(tmp_path / "mesh.ply", ("views",)).values["views"].tolist() == [1, 2, 3]
+
+
 def test_ply_is_float_near_the_origin_and_double_far_from_it(tmp_path):
     for offset, word in (((0.0, 0.0, 0.0), b"property float x"), (UTM, b"property double x")):
         write_ply(colored(offset), tmp_path / "mesh.ply")

@@ -176,3 +176,14 @@ def test_pixels_behind_faces_that_go_are_counted_as_if_all_were_drawn_again(thre
             seen = all_.unpacked()
             assert np.array_equal(some.unpacked(), np.where(seen >= 0, np.flatnonzero(left)[seen], -1))
     library.set_threads(0)
+
+
+def test_faces_from_behind_are_grey_where_colours_mean_something():
+    """Reddish, they would look like another confidence."""
+    mesh = replace(ball(subdivisions=2), colors=np.full((162, 3), (0, 200, 0), np.uint8))
+    inside_out = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]))
+    view = camera((4.0, 1.0, 0.5))
+    front, behind = (shaded(m, view, color=True, grey_behind=True) for m in (mesh, inside_out))
+    shown = (front != 255).any(-1)
+    assert (front[shown, 1] > front[shown, 0]).all()
+    assert np.ptp(behind[shown].astype(int), axis=1).max() == 0 and (behind[shown] < 255).all()
