@@ -94,9 +94,12 @@ def newest_mask(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> tuple
     """Return the picture of a photo's newest mask and whether it is a preview.
 
     A preview of other clicks than the present ones counts only until the next one is there, or where there is nothing
-    else; what the job made of the present clicks of all photos is better than any preview.
+    else and some of its clicks are still there; what the job made of the present clicks of all photos is better than
+    any preview.
     """
     entry, shown = mask_entry(scene, photo.name), preview.finished(scene, photo.name)
+    if shown is not None and not preview.under_way(scene, photo.name) and not preview.shares_clicks(shown, photo):
+        shown = None
     if entry is None:
         return (shown.mask, True) if shown is not None and shown.mask.is_file() else None
     labels = Path(entry["labels"])

@@ -157,6 +157,7 @@ def _draw_preview(
     elif (
         found.status == preview.DONE
         and found.clicks != preview.signature(photo)
+        and preview.shares_clicks(found, photo)  # else it is not shown
         and not overlay.job_knows(scene, photo)
     ):
         draw_sentence(layout, tr("The points have changed since this mask"), "INFO")

@@ -86,6 +86,12 @@ def signature(photo: bpy.types.PropertyGroup) -> str:
     )
 
 
+def shares_clicks(found: Preview, photo: bpy.types.PropertyGroup) -> bool:
+    """Tell whether a preview came of at least one of the photo's present clicks: not after they were all replaced."""
+    now = json.loads(signature(photo))
+    return any(click in now for click in json.loads(found.clicks))
+
+
 def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:
     """Ask the engine for the mask of a photo; a preview that still runs is ended.
 

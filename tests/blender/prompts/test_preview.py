@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 
 import bpy
@@ -126,8 +127,30 @@ def test_disabling_ends_it(state, engine):
     assert found.process.wait(5) and preview.of(bpy.context.scene, state.photos[0].name) is None
 
 
+def test_a_preview_goes_with_the_last_of_its_clicks(state, tmp_path):
+    """Points of a file replace all that the mask came of."""
+    scene, photo = bpy.context.scene, state.photos[0]
+    bpy.ops.mgf.preview_mask()
+    before = overlay.newest_mask(scene, photo)
+    files.add_click(photo, 60, 60, False, "building")
+    assert overlay.newest_mask(scene, photo) == before and "have changed" in said()
+    path = tmp_path / "prompts.json"
+    path.write_text(json.dumps({photo.name: {"positive": [[30.5, 40.5]], "negative": []}}))
+    bpy.ops.mgf.import_prompts("EXEC_DEFAULT", True, filepath=str(path))
+    photo = scene.mgf.photos[0]
+    assert len(photo.clicks) == 1 and overlay.newest_mask(scene, photo) is None and "have changed" not in said()
+    photo.clicks.clear()
+    assert overlay.newest_mask(scene, photo) is None
+    files.add_click(photo, 100.5, 80.25, False, "building")
+    assert overlay.newest_mask(scene, photo) == before
+
+
+def said() -> str:
+    """What the panel says."""
+    return " ".join(text for text, _ in draw(MGF_PT_prompts).texts)
+
+
 def test_a_job_that_is_newer_than_the_preview_is_shown(state, tmp_path):
-    import json
     import os
 
     import synthetic
@@ -147,8 +170,6 @@ def test_a_job_that_is_newer_than_the_preview_is_shown(state, tmp_path):
 
 def test_an_old_preview_never_wins_over_the_mask_of_all_photos(state, tmp_path):
     """Masks of all photos, a click more, its preview, and the click undone."""
-    import json
-
     import synthetic
 
     scene, photo = bpy.context.scene, state.photos[0]
