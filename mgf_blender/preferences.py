@@ -138,6 +138,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             row.operator("mgf.cancel_engine_task", text="", icon="X")
             if task.output:
                 layout.label(text=task.output[-1].strip()[:100], translate=False)
+        elif not operators.speaks_of_chosen():
+            return
         elif task.status in {FAILED, CANCELLED}:
             draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")
         elif task.status == DONE and kind in {"card", "weights"}:

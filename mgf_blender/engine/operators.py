@@ -20,11 +20,25 @@ from .task import RUNNING, Step, Task
 
 _task: Task | None = None
 _kind = ""
+_engine = ("", "")  # what :func:`chosen_engine` gave when the task began
 
 
 def current() -> tuple[str, Task | None]:
     """Return the running or last task and what kind it is: install, check or weights."""
     return _kind, _task
+
+
+def chosen_engine() -> tuple[str, str]:
+    """Return which engine the preferences choose: where it comes from, and its path where the user gave one."""
+    prefs = preferences()
+    source = prefs.engine_source if prefs is not None else "MANAGED"
+    return source, prefs.engine_path if source == "EXISTING" else ""
+
+
+def speaks_of_chosen() -> bool:
+    """Tell whether what the task says at its end is about the engine that is chosen now: another can have been chosen
+    meanwhile."""
+    return _engine == chosen_engine()
 
 
 def forget() -> None:
@@ -46,8 +60,8 @@ def log_path() -> Path:
 
 def begin(kind: str, task: Task) -> None:
     """Run a task in the background; batch runs and tests call ``task.run()`` instead."""
-    global _task, _kind
-    _task, _kind = task, kind
+    global _task, _kind, _engine
+    _task, _kind, _engine = task, kind, chosen_engine()
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=0.1, persistent=True)
 

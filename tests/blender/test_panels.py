@@ -290,6 +290,9 @@ def test_preferences(addon, engine, source, monkeypatch):
     bpy.ops.mgf.check_engine()
     assert "torch\n2.13.0" in said() and "Everything a job needs is here." in said()
     assert said().index("Everything a job needs") < said().index("2.13.0")  # the verdict comes first
+    with monkeypatch.context() as context:  # another engine was chosen while the check ran
+        context.setattr(engine_operators, "chosen_engine", lambda: ("EXISTING", "/another"))
+        assert "2.13.0" not in said()
     preferences._other_engine(None, bpy.context)
     assert "2.13.0" not in said()  # said of the engine before
     task = Task([Step("Creating the environment", ["false"])], engine_operators.log_path(), lambda s, t: "It failed.")
