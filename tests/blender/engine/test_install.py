@@ -100,8 +100,9 @@ def _no_build_of(package: str, asked: str) -> str:
     [
         ("Retrying (Retry(total=4)) after connection broken by 'NewConnectionError'", "cannot be reached"),
         (
-            "WARNING: Retrying after connection broken by 'NameResolutionError(\"Failed to resolve 'download.pytorch.org' "
-            "([Errno -2] Name or service not known)\")'\n    torch\nERROR: ResolutionImpossible: for help visit",
+            "WARNING: Retrying after connection broken by 'NameResolutionError(\"Failed to resolve "
+            "'download.pytorch.org' ([Errno -2] Name or service not known)\")'\n    torch\n"
+            "ERROR: ResolutionImpossible: for help visit",
             "cannot be reached",
         ),
         ("OSError: [Errno 28] No space left on device", "disk is full"),
