@@ -19,16 +19,23 @@ import os
 import sys
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
 DRAWINGS = ("orthophotos", "elevations", "sections", "sheets", "quantities")
 MODELS = ("lod", "tiles", "solid", "ifc", "usd", "points")
 
 
+class Parser(argparse.ArgumentParser):
+    """Reports a mistake in one sentence, without the usage text of argparse."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; --help lists all arguments.\n")
+
+
 def parser() -> argparse.ArgumentParser:
     """Return the options of a headless run."""
-    p = argparse.ArgumentParser(prog="mgf batch", description="Import a scene and a job's results; save a .blend.")
+    p = Parser(prog="mgf batch", description="Import a scene and a job's results; save a .blend.")
     p.add_argument("--scene", type=Path, help="COLMAP model or project folder: cameras with photos, sparse points")
     p.add_argument("--photos", type=Path, help="folder of the photos; searched near the model when not given")
     p.add_argument("--job", type=Path, help="job folder: mesh, renders, figures")
@@ -81,7 +88,7 @@ def main(argv: list[str]) -> int:
         print(f"Error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        print("Error: Cancelled; run again to continue.", file=sys.stderr)
+        print("Cancelled; run again to continue.", file=sys.stderr)
         return EXIT_CANCELLED
     except Exception:
         traceback.print_exc()
@@ -131,7 +138,7 @@ def _run(package: str, args: argparse.Namespace, command: list[str]) -> int:
     if code != EXIT_DONE:
         if args.progress == "plain":
             where = f" (log: {job.log})" if job.log and code == EXIT_FAULT else ""
-            print(f"Error: {job.text}{where}", file=sys.stderr)
+            print(f"{'' if code == EXIT_CANCELLED else 'Error: '}{job.text}{where}", file=sys.stderr)
         if code == EXIT_FAULT and not job.log:
             print("\n".join(job.last_errors), file=sys.stderr)
     return code if code in (EXIT_DONE, EXIT_BAD_INPUT, EXIT_CANCELLED) else EXIT_FAULT
@@ -155,7 +162,7 @@ class _Plain:
         elif kind == "progress" and int(job.fraction * 10) > self._shown:
             self._shown = int(job.fraction * 10)
             left = "" if job.seconds_left is None else f"  {job.seconds_left:.0f} s left"
-            figures = "  ".join(f"{k} {v}" for k, v in job.figures.items())
+            figures = "  ".join(f"{k.replace('_', ' ')} {v}" for k, v in job.figures.items())
             print(f"  {job.fraction:4.0%}{left}  {figures}", flush=True)
         elif kind == "warning":
             print(f"Warning: {message.get('text', '')}", flush=True)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.contact_sheet import OCCLUDER, OUTLINE
 from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, IGNORE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
@@ -18,8 +19,9 @@ from mgf_engine.scene.gravity import up_from_cameras
 #: Absolute colour error (0..1, mean of the channels) that is drawn in the brightest colour.
 ERROR_LIMIT = 0.25
 _FILLED = 0.94  # share of a picture's width or height that the mesh may take
-_BUILDING_TINT = (255, 170, 40)
-_UNKNOWN_TINT = (200, 60, 220)
+#: Outline and occluders, in the colours of the contact sheet (:mod:`mgf_engine.masks.contact_sheet`).
+_BUILDING_TINT = OUTLINE[::-1]
+_UNKNOWN_TINT = OCCLUDER[::-1]
 
 
 def _look_of_labels() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -39,7 +41,7 @@ _KEPT, _ADDED = _look_of_labels()
 
 
 def mask_overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Draw the photo with the building outlined, elements tinted, the surroundings dimmed and ignored pixels violet."""
+    """Draw the photo with the building outlined, elements tinted, the surroundings dimmed and ignored pixels ochre."""
     picture = _KEPT[labels] * photo + _ADDED[labels]
     inside = ((labels >= BUILDING) & (labels != IGNORE)).astype(np.uint8)
     width = max(3, round(max(labels.shape) / 250) | 1)

@@ -85,6 +85,8 @@ def test_scene_alone(house, tmp_path):
         (["--job", "{nowhere}"], "does not exist"),
         ([], "Nothing to import"),
         (["--scene", "{house}", "--picture", "{nowhere}/p.png"], "no mesh"),
+        (["--scene", "{house}", "--set", "preset=quick", "resolution=400"], "Unrecognized arguments: resolution=400"),
+        (["--scene", "{house}", "--picture-engine", "luxcore"], "invalid choice: 'luxcore'"),
     ],
 )
 def test_bad_input_is_one_sentence_and_code_2(tmp_path, arguments, words):

@@ -32,7 +32,8 @@ def test_overlay_dims_the_surroundings_and_tints_elements() -> None:
     assert (picture[:10] == 60).all()
     assert (picture[70, 70] == 200).all()
     assert (picture[35, 35] != 200).any() and (picture[55, 55] != picture[35, 35]).any()
-    assert picture[20, 60].tolist() == [255, 170, 40]  # the outline
+    assert picture[20, 60].tolist() == [255, 255, 0]  # the outline
+    assert picture[55, 55].tolist() == [200, 158, 98]  # ochre, as on the contact sheet
     assert (photo == 200).all()
 
 

@@ -114,6 +114,7 @@ def test_page(data: ReportData, tmp_path: Path) -> None:
 def test_a_warning_about_masks_leads_to_them(data: ReportData, tmp_path: Path) -> None:
     data.warnings = ["2 of 4 masks are weak and left out (a.jpg); look at the contact sheet."]
     assert 'href="#masks"' in write_report(tmp_path, data)[1].read_text(encoding="utf-8")
+    assert "* photos with clicks" in Page(write_report(tmp_path, data)[1].read_text(encoding="utf-8")).text
     data.contact_sheet = None
     assert 'href="#masks"' not in write_report(tmp_path, data)[1].read_text(encoding="utf-8")
 
