@@ -102,53 +102,82 @@ def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePla
     all_lines = _Lines.of(lines)
     regular, pairs = _planes_of_directions(all_lines, o), _planes_of_pairs(all_lines, pixel, o)
     candidates = np.concatenate([regular, pairs])
-    return _select_planes(all_lines, candidates, np.arange(len(candidates)) < len(regular), pixel, o)
+    selection = _Selection(all_lines, candidates, np.arange(len(candidates)) < len(regular), pixel, o)
+    selection.take(o.most, o.carried, o.same_cosine, o.same_distance)
+    selection.take(o.separate, (1.0, 1.0), o.layer_cosine, o.rectangle_layer)
+    return LinePlanes(selection.planes, selection.members, np.array(selection.strength))
 
 
-def _select_planes(
-    lines: _Lines, candidates: NDArray[np.float64], regular: NDArray[np.bool_], pixel: float, o: PlaneOptions
-) -> LinePlanes:
-    """Take the best of the candidates [C, 4] and fit it to its lines, until none carries enough unexplained length.
+class _Selection:
+    """Planes taken from candidates [C, 4] one after another, the one with most line length first.
 
-    Args:
-        lines: all of them.
-        candidates: planes.
-        regular: which of them run along two dominant directions, bool [C].
-        pixel: size of a pixel at the building.
-        o: lengths in pixels and weights.
+    Attributes:
+        planes: taken so far and fitted to their lines, [K, 4].
+        members: numbers of the lines on each.
+        strength: length in px of the lines on each (see LinePlanes).
     """
-    factor = np.where(regular, o.regular_weight, 1.0)
-    inlier = _lines_on_planes(candidates, lines, o.near * pixel).astype(np.float32)
-    weight = np.minimum(lines.length / pixel, o.longest)
-    turned = np.abs(lines.direction @ lines.direction.T) < np.cos(np.radians(o.crossing))
-    across = inlier * turned[np.where(inlier > 0, weight, 0).argmax(1)]
-    taken, alive = np.zeros(len(lines.length)), np.ones(len(candidates), bool)
-    planes = np.zeros((0, 4))
-    members: list[NDArray[np.int64]] = []
-    strength: list[float] = []
-    while len(planes) < o.most and alive.any():
-        w = (weight * np.select([taken == 0, taken == 1], [1.0, o.carried[0]], o.carried[1])).astype(np.float32)
-        whole, other = inlier @ w, across @ w  # what runs another way than the longest line must hold its own
-        gain = (
-            factor * np.minimum(whole, o.cross_factor * other + np.where(regular, o.regular_share * whole, 0)) * alive
-        )
-        best = int(gain.argmax())
-        if gain[best] < o.least:
-            break
-        alive[best] = False
-        plane = _fit_plane(candidates[best], inlier[best] > 0, lines, bool(regular[best]))
-        mine = np.flatnonzero(_lines_on_planes(plane[None], lines, o.near * pixel)[0])
-        if len(mine) < (2 if regular[best] else 3):
-            continue
-        alive &= ~_same_plane(candidates, plane, pixel, o)
-        if _same_plane(planes, plane, pixel, o).any():
-            continue
-        planes = np.concatenate([planes, plane[None]])
-        members.append(mine)
-        taken[mine] += 1
-        length, crossing = weight[mine].sum(), turned[mine[weight[mine].argmax()]][mine]
-        strength.append(min(length, o.cross_factor * weight[mine][crossing].sum() + o.strength_share * length))
-    return LinePlanes(planes, members, np.array(strength))
+
+    def __init__(
+        self,
+        lines: _Lines,
+        candidates: NDArray[np.float64],
+        regular: NDArray[np.bool_],
+        pixel: float,
+        o: PlaneOptions,
+    ) -> None:
+        self.lines, self.candidates, self.regular, self.pixel, self.o = lines, candidates, regular, pixel, o
+        self.inlier = _lines_on_planes(candidates, lines, o.near * pixel).astype(np.float32)
+        self.weight = np.minimum(lines.length / pixel, o.longest)
+        self.turned = np.abs(lines.direction @ lines.direction.T) < np.cos(np.radians(o.crossing))
+        self.across = self.inlier * self.turned[np.where(self.inlier > 0, self.weight, 0).argmax(1)]
+        self.taken = np.zeros(len(lines.length), np.int64)
+        self.planes = np.zeros((0, 4))
+        self.members: list[NDArray[np.int64]] = []
+        self.strength: list[float] = []
+
+    def take(self, most: int, carried: tuple[float, float], cosine: float, distance: float) -> None:
+        """Take up to ``most`` planes more, until none carries enough length.
+
+        Args:
+            most: number of planes.
+            carried: weights of a line that lies on one plane taken before, and of a line that lies on several.
+            cosine: between the normals of two planes from which they are parallel.
+            distance: of parallel planes up to which the second one is not taken, in px.
+        """
+        alive = np.ones(len(self.candidates), bool)
+        for plane in self.planes:
+            alive &= ~_beside(self.candidates, plane, cosine, distance * self.pixel)
+        wanted = len(self.planes) + most
+        while len(self.planes) < wanted and alive.any():
+            gain = self._gain(carried) * alive
+            best = int(gain.argmax())
+            if gain[best] < self.o.least:
+                break
+            alive[best] = False
+            regular = bool(self.regular[best])
+            plane = _fit_plane(self.candidates[best], self.inlier[best] > 0, self.lines, regular)
+            mine = np.flatnonzero(_lines_on_planes(plane[None], self.lines, self.o.near * self.pixel)[0])
+            if len(mine) < (2 if regular else 3):
+                continue
+            alive &= ~_beside(self.candidates, plane, cosine, distance * self.pixel)
+            if not _beside(self.planes, plane, cosine, distance * self.pixel).any():
+                self._add(plane, mine)
+
+    def _gain(self, carried: tuple[float, float]) -> NDArray[np.float64]:
+        """Return the weighted length in px of the lines on each candidate, [C]."""
+        w = (self.weight * np.select([self.taken == 0, self.taken == 1], [1.0, carried[0]], carried[1])).astype("f4")
+        whole, other = self.inlier @ w, self.across @ w  # what runs another way than the longest line must hold its own
+        held = self.o.cross_factor * other + np.where(self.regular, self.o.regular_share * whole, 0)
+        return np.asarray(np.where(self.regular, self.o.regular_weight, 1.0) * np.minimum(whole, held))
+
+    def _add(self, plane: NDArray[np.float64], mine: NDArray[np.int64]) -> None:
+        """Add a plane [4] on which the lines ``mine`` lie."""
+        self.planes = np.concatenate([self.planes, plane[None]])
+        self.members.append(mine)
+        self.taken[mine] += 1
+        length, crossing = self.weight[mine].sum(), self.turned[mine[self.weight[mine].argmax()]][mine]
+        held = self.o.cross_factor * self.weight[mine][crossing].sum() + self.o.strength_share * length
+        self.strength.append(min(length, held))
 
 
 def _lines_on_planes(planes: NDArray[np.float64], lines: _Lines, near: float) -> NDArray[np.bool_]:
@@ -157,13 +186,13 @@ def _lines_on_planes(planes: NDArray[np.float64], lines: _Lines, near: float) ->
     return np.asarray(np.all([np.abs(planes[:, :3] @ p.T + planes[:, 3:]) < near for p in ends], axis=0))
 
 
-def _same_plane(
-    planes: NDArray[np.float64], plane: NDArray[np.float64], pixel: float, o: PlaneOptions
+def _beside(
+    planes: NDArray[np.float64], plane: NDArray[np.float64], cosine: float, distance: float
 ) -> NDArray[np.bool_]:
-    """Tell which planes [K, 4] are the same as one [4], bool [K]."""
-    cosine = planes[:, :3] @ plane[:3]
-    near = np.abs(planes[:, 3] * np.sign(cosine) - plane[3]) < o.same_distance * pixel
-    return np.asarray((np.abs(cosine) > o.same_cosine) & near)
+    """Tell which planes [K, 4] are parallel to one [4] and within ``distance`` of it, bool [K]."""
+    along = planes[:, :3] @ plane[:3]
+    near = np.abs(planes[:, 3] * np.sign(along) - plane[3]) < distance
+    return np.asarray((np.abs(along) > cosine) & near)
 
 
 def _planes_of_directions(lines: _Lines, o: PlaneOptions) -> NDArray[np.float64]:
