@@ -114,8 +114,10 @@ class PlaneOptions:
         0.05, "Singular value, as a share of the largest, up to which a point does not move along a direction", high=1
     )
     most: int = parameter(62, "Maximum number of planes, each with lines that lie on no stronger one", low=1)
-    separate: int = parameter(
-        24, "Maximum number of further planes that have no parallel plane within rectangle_layer", low=0
+    separate: float = parameter(
+        0.4,
+        "Minimum strength of a plane whose lines lie on others and that has no parallel plane within rectangle_layer, "
+        "as a factor of the median strength",
     )
     least: float = parameter(40.0, "Minimum total length of the lines on a plane", "px")
     grid: float = parameter(12.0, "Distance between the points on a plane", "px", low=1)

@@ -103,8 +103,8 @@ def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePla
     regular, pairs = _planes_of_directions(all_lines, o), _planes_of_pairs(all_lines, pixel, o)
     candidates = np.concatenate([regular, pairs])
     selection = _Selection(all_lines, candidates, np.arange(len(candidates)) < len(regular), pixel, o)
-    selection.take(o.most, o.carried, o.same_cosine, o.same_distance)
-    selection.take(o.separate, (1.0, 1.0), o.layer_cosine, o.rectangle_layer)
+    selection.take_unexplained()
+    selection.take_separate()
     return LinePlanes(selection.planes, selection.members, np.array(selection.strength))
 
 
@@ -135,49 +135,73 @@ class _Selection:
         self.members: list[NDArray[np.int64]] = []
         self.strength: list[float] = []
 
-    def take(self, most: int, carried: tuple[float, float], cosine: float, distance: float) -> None:
-        """Take up to ``most`` planes more, until none carries enough length.
-
-        Args:
-            most: number of planes.
-            carried: weights of a line that lies on one plane taken before, and of a line that lies on several.
-            cosine: between the normals of two planes from which they are parallel.
-            distance: of parallel planes up to which the second one is not taken, in px.
-        """
-        alive = np.ones(len(self.candidates), bool)
-        for plane in self.planes:
-            alive &= ~_beside(self.candidates, plane, cosine, distance * self.pixel)
-        wanted = len(self.planes) + most
-        while len(self.planes) < wanted and alive.any():
-            gain = self._gain(carried) * alive
+    def take_unexplained(self) -> None:
+        """Take planes until none carries enough length of lines that lie on no earlier one."""
+        alive, distance = np.ones(len(self.candidates), bool), self.o.same_distance * self.pixel
+        while len(self.planes) < self.o.most and alive.any():
+            gain = self._gain(self.o.carried) * alive
             best = int(gain.argmax())
             if gain[best] < self.o.least:
                 break
             alive[best] = False
-            regular = bool(self.regular[best])
-            plane = _fit_plane(self.candidates[best], self.inlier[best] > 0, self.lines, regular)
-            mine = np.flatnonzero(_lines_on_planes(plane[None], self.lines, self.o.near * self.pixel)[0])
-            if len(mine) < (2 if regular else 3):
+            plane, mine = self._fit(best)
+            if not len(mine):
                 continue
-            alive &= ~_beside(self.candidates, plane, cosine, distance * self.pixel)
-            if not _beside(self.planes, plane, cosine, distance * self.pixel).any():
+            alive &= ~_beside(self.candidates, plane, self.o.same_cosine, distance)
+            if not _beside(self.planes, plane, self.o.same_cosine, distance).any():
                 self._add(plane, mine)
 
+    def take_separate(self) -> None:
+        """Take strong planes along two dominant directions where no parallel plane is near, most length first.
+
+        All lines of a plain wall, its foot, corners and eaves, may lie on its neighbours: nothing of it is unexplained.
+        """
+        if not self.planes.size:
+            return
+        distance, least = self.o.rectangle_layer * self.pixel, self.o.separate * float(np.median(self.strength))
+        alive = self.regular.copy()
+        for plane in self.planes:
+            alive &= ~_beside(self.candidates, plane, self.o.layer_cosine, distance)
+        gain = self._gain((1.0, 1.0))
+        order = np.argsort(-gain, kind="stable")
+        for number in order[(alive & (gain >= self.o.least))[order]]:
+            plane, mine = self._fit(int(number))
+            if not alive[number] or not len(mine) or self._strength(mine) < least:
+                continue
+            alive &= ~_beside(self.candidates, plane, self.o.layer_cosine, distance)
+            self._add(plane, mine)
+
     def _gain(self, carried: tuple[float, float]) -> NDArray[np.float64]:
-        """Return the weighted length in px of the lines on each candidate, [C]."""
+        """Return the weighted length in px of the lines on each candidate, [C].
+
+        Args:
+            carried: weights of a line that lies on one plane taken before, and of a line that lies on several.
+        """
         w = (self.weight * np.select([self.taken == 0, self.taken == 1], [1.0, carried[0]], carried[1])).astype("f4")
         whole, other = self.inlier @ w, self.across @ w  # what runs another way than the longest line must hold its own
         held = self.o.cross_factor * other + np.where(self.regular, self.o.regular_share * whole, 0)
         return np.asarray(np.where(self.regular, self.o.regular_weight, 1.0) * np.minimum(whole, held))
+
+    def _fit(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Fit a candidate to its lines; returns the plane [4] and the lines on it, none where these are too few."""
+        regular = bool(self.regular[number])
+        plane = _fit_plane(self.candidates[number], self.inlier[number] > 0, self.lines, regular)
+        mine = np.flatnonzero(_lines_on_planes(plane[None], self.lines, self.o.near * self.pixel)[0])
+        return plane, mine if len(mine) >= (2 if regular else 3) else mine[:0]
+
+    def _strength(self, mine: NDArray[np.int64]) -> float:
+        """Return the length in px of lines on one plane, limited where these run in one direction only."""
+        weight = self.weight[mine]
+        crossing = self.turned[mine[weight.argmax()]][mine]
+        held = self.o.cross_factor * weight[crossing].sum() + self.o.strength_share * weight.sum()
+        return float(min(weight.sum(), held))
 
     def _add(self, plane: NDArray[np.float64], mine: NDArray[np.int64]) -> None:
         """Add a plane [4] on which the lines ``mine`` lie."""
         self.planes = np.concatenate([self.planes, plane[None]])
         self.members.append(mine)
         self.taken[mine] += 1
-        length, crossing = self.weight[mine].sum(), self.turned[mine[self.weight[mine].argmax()]][mine]
-        held = self.o.cross_factor * self.weight[mine][crossing].sum() + self.o.strength_share * length
-        self.strength.append(min(length, held))
+        self.strength.append(self._strength(mine))
 
 
 def _lines_on_planes(planes: NDArray[np.float64], lines: _Lines, near: float) -> NDArray[np.bool_]:

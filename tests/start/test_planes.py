@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mgf_engine.start import reference
 from mgf_engine.start.lines import Line, line_points
@@ -14,7 +17,7 @@ from mgf_engine.start.planes import LinePlanes, dominant_directions, find_planes
 PIXEL = 0.01
 
 
-def line(a: list[float], b: list[float]) -> Line:
+def line(a: ArrayLike, b: ArrayLike) -> Line:
     ends = np.array([a, b], float)
     shown = np.tile([[0.0, np.linalg.norm(ends[1] - ends[0])]], (4, 1))
     return Line(ends, np.arange(4), shown)
@@ -33,6 +36,24 @@ def test_a_plane_with_its_lines_is_found_once() -> None:
     np.testing.assert_allclose(np.abs(found.planes[0]), [0, 0, 1, 1], atol=1e-9)
     assert len(find_planes([], PIXEL, PlaneOptions()).planes) == 0
     assert len(find_planes([line([0, 0, 0], [1, 0, 0])], PIXEL, PlaneOptions()).planes) == 0
+
+
+def test_a_wall_whose_lines_all_lie_on_its_neighbours_is_found_after_the_maximum() -> None:
+    corners = np.array(list(np.ndindex(2, 2, 2))) * 2.0
+    edges = [line(a, b) for a, b in combinations(corners, 2) if (a != b).sum() == 1]
+    edges.append(line([0, 0.9, 1], [2, 0.9, 1.06]))  # along no plane: its ends are 3 px off the one through its middle
+    assert len(find_planes(edges, PIXEL, PlaneOptions(most=4, separate=10)).planes) == 4
+    found = find_planes(edges, PIXEL, PlaneOptions(most=4))
+    assert len(found.planes) == 6 and all(len(members) == 4 for members in found.members)
+    np.testing.assert_array_equal(found.strength, found.strength[0])
+    assert len(np.unique(np.abs(found.planes).round(6), axis=0)) == 6
+
+
+def test_after_the_maximum_no_plane_is_found_beside_a_parallel_one() -> None:
+    lines = frame(1.0) + frame(1.0 + 10 * PIXEL) + frame(1.0 + 50 * PIXEL)
+    assert len(find_planes(lines, PIXEL, PlaneOptions(most=3)).planes) == 3
+    offsets = np.sort(np.abs(find_planes(lines, PIXEL, PlaneOptions(most=1)).planes[:, 3]))
+    assert len(offsets) == 2 and np.ptp(offsets) > PlaneOptions().rectangle_layer * PIXEL
 
 
 def test_directions_are_those_of_the_lines() -> None:
