@@ -19,6 +19,7 @@ warning      ``text`` (one sentence: cause and cure)
 result       ``path`` (job folder), ``files`` (name -> path), ``figures``, ``seconds`` (of the run), ``speed`` (time of
              this machine over that of the one that estimates were fitted on, as far as its jobs have told; else null),
              ``suggested`` (names of photos worth clicking; of a scene that was read without clicks or masks alone)
+stopping     ``text`` (Ctrl-C was heard, and the job stops at its next step)
 failed       ``code`` (exit code), ``text`` (one sentence), ``log`` (path of the log, or null)
 ===========  ==========================================================================================
 """

@@ -7,7 +7,6 @@ import argparse
 import contextlib
 import logging
 import math
-import os
 import signal
 import sys
 import threading
@@ -23,7 +22,7 @@ from mgf_engine.option_input import option_pairs, read_config
 from mgf_engine.terminal import drop_output, make_sink
 
 #: What whoever presses Ctrl-C reads at once: the next step may be some seconds away.
-STOPPING = b"\nStopping at the next step; Ctrl-C again stops at once.\n"
+STOPPING = "Stopping at the next step; Ctrl-C again stops at once."
 STYLES = ("auto", "bar", "plain", "json", "none")
 
 
@@ -118,12 +117,12 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
 
     def ask(number: int, frame: object) -> None:
         reporter.cancel()
-        if number == signal.SIGINT:
-            with contextlib.suppress(OSError):
-                os.write(2, STOPPING)  # at once: a stream of Python may be in use where the signal came
+        if number == signal.SIGINT:  # a thread says so: the sinks' locks may be held where the signal came
+            answers.append(threading.Thread(target=_say_stopping, args=(reporter,)))
+            answers[-1].start()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    before = {}
+    before, answers = {}, list[threading.Thread]()
     if threading.current_thread() is threading.main_thread():
         before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     if on_eof:
@@ -134,6 +133,13 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
         for number, handler in before.items():
             if handler is not None:  # one that C set cannot be set again from here
                 signal.signal(number, handler)
+        for answer in answers:
+            answer.join()
+
+
+def _say_stopping(reporter: Reporter) -> None:
+    with contextlib.suppress(OSError):  # nobody reads any more
+        reporter.send("stopping", text=STOPPING)
 
 
 def _cancel_on_eof(reporter: Reporter) -> None:

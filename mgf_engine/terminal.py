@@ -76,7 +76,7 @@ def _sentence(message: Message) -> str | None:
     kind = message["type"]
     if kind == "started":
         return f"Job folder: {message['job']}"
-    if kind in ("device", "segmenter", "estimate"):
+    if kind in ("device", "segmenter", "estimate", "stopping"):
         return str(message["text"])
     if kind == "stage":
         state = " (done earlier)" if message["cached"] else ""

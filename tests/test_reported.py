@@ -7,6 +7,7 @@ import argparse
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,11 @@ from support.jobs import write_photo_folder
 from mgf_engine.cli import main
 from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import run_reported
+from mgf_engine.reported import STOPPING, run_reported
 
 SCRIPT = """
 import argparse
-from mgf_engine.reported import run_reported
+from mgf_engine.reported import STOPPING, run_reported
 
 args = argparse.Namespace(progress="plain", cancel_on_eof=False)
 raise SystemExit(run_reported(args, lambda reporter: reporter.warning("The roof is missing.")))
@@ -32,18 +33,24 @@ def test_a_warning_is_printed_once_where_there_is_no_log() -> None:
     assert (done.stdout + done.stderr).count("The roof is missing.") == 1
 
 
-def test_ctrl_c_is_answered_at_once(capfd: pytest.CaptureFixture[str]) -> None:
-    """The next step, where the work can stop, may be half a minute away."""
+@pytest.mark.parametrize("style", ["plain", "bar"])
+def test_ctrl_c_is_answered_at_once(style: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """The next step, where the work can stop, may be half a minute away; a live bar must not paint over the answer."""
     said: list[str] = []
 
     def work(reporter: Reporter) -> None:
+        reporter.stages = ("scene",)
+        reporter.stage("scene")
         signal.raise_signal(signal.SIGINT)
-        said.append(capfd.readouterr().err)
+        end = time.monotonic() + 20
+        while STOPPING not in "".join(said) and time.monotonic() < end:
+            said.append(capfd.readouterr().err)
+            time.sleep(0.02)
         reporter.check()
 
-    assert run_reported(argparse.Namespace(progress="plain", cancel_on_eof=False), work) == EXIT_CANCELLED
-    assert said == ["\nStopping at the next step; Ctrl-C again stops at once.\n"]
-    assert capfd.readouterr().err == "Cancelled; what was there before is unchanged.\n"
+    assert run_reported(argparse.Namespace(progress=style, cancel_on_eof=False), work) == EXIT_CANCELLED
+    assert STOPPING + "\n" in "".join(said)
+    assert capfd.readouterr().err.strip().endswith("Cancelled; what was there before is unchanged.")
 
 
 @pytest.mark.parametrize("fails", [False, True])
