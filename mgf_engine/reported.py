@@ -122,7 +122,8 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
             answers[-1].start()
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    before, answers = {}, list[threading.Thread]()
+    answers: list[threading.Thread] = []
+    before = {}
     if threading.current_thread() is threading.main_thread():
         before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
     if on_eof:
