@@ -48,7 +48,7 @@ class MGF_PT_results(SidebarPanel, bpy.types.Panel):
         for obj in meshes:
             _draw_mesh(layout, obj)
         if scene.camera is not None and PHOTO_KEY in scene.camera:
-            _draw_camera(layout, scene.camera)
+            _draw_camera(layout, scene.camera, context.region_data)
         _draw_figures(layout, scene.mgf.figures)
 
 
@@ -67,8 +67,8 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         draw_sentence(column, surface.scale_text(obj.data, now), "NONE")
 
 
-def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
-    """Draw the active camera, and what it shows."""
+def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object, view: bpy.types.RegionView3D | None) -> None:
+    """Draw the active camera, what it shows, and how a mesh that it hides comes back when the view has left it."""
     column = layout.column(align=True)
     column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
     row = column.row(align=True)
@@ -77,10 +77,12 @@ def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object) -> None:
         cell = row.row(align=True)
         cell.enabled = kind in there
         cell.operator("mgf.show_in_camera", text=_SHOWS[kind], depress=kind == shown).kind = kind
-    if shown == "ERROR":
+    if shown != "MESH" and view is not None and view.view_perspective != "CAMERA":
+        draw_sentence(column, tr("The mesh is hidden; press Mesh to see it"), "HIDE_ON")
+    elif shown == "ERROR":
         draw_sentence(column, tr("Dark: alike, bright: different"), "NONE")
     elif "RENDER" not in there:
-        draw_sentence(column, tr("No render of this photo"), "INFO")
+        draw_sentence(column, tr("No render of this photo; the option Render All makes one"), "INFO")
 
 
 def _draw_figures(layout: bpy.types.UILayout, text: str) -> None:

@@ -5,14 +5,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 import synthetic
+from layouts import draw
 
 from mgf_blender.common.ply import read_ply
 from mgf_blender.results import view_mode
+from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -73,6 +76,17 @@ def test_next_cameras_go_on_with_what_was_chosen(tree):
         seen.append(shown()[0])
         assert tree.objects("Mesh")[0].hide_get()
     assert seen.count("error") == 4 and seen.count("photo") == 8
+
+
+def test_a_view_that_left_the_camera_says_where_the_mesh_is(tree):
+    def said(perspective: str) -> str:
+        view = SimpleNamespace(view_perspective=perspective)
+        return " ".join(draw(MGF_PT_results, SimpleNamespace(scene=bpy.context.scene, region_data=view)).said.split())
+
+    bpy.ops.mgf.show_in_camera(kind="PHOTO")
+    assert "mesh is hidden; press Mesh" in said("PERSP") and "hidden" not in said("CAMERA")
+    bpy.ops.mgf.show_in_camera(kind="MESH")
+    assert "hidden" not in said("PERSP")
 
 
 def test_objects_outside_the_view_layer_do_not_stop_the_switch(tree):
