@@ -6,12 +6,15 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..common.errors import UserError
-from ..common.text import tr
+from ..common.text import N_, tr
 from ..common.views import scale_views
 from .cameras import HELD_KEY, set_clipping
 from .frame import rotation_to_z, turn_as_held, up_direction
 from .operators import SceneOperator
 from .tree import Tree
+
+DIALOG_WIDTH = 460  # pixels at interface scale 1: room for the sentence in every language
+LENGTHS = N_("Drawings and models get true lengths from Georeference")
 
 
 class MGF_OT_set_scale(SceneOperator):
@@ -38,12 +41,12 @@ class MGF_OT_set_scale(SceneOperator):
         except UserError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        return context.window_manager.invoke_props_dialog(self)
+        return context.window_manager.invoke_props_dialog(self, width=DIALOG_WIDTH)
 
     def draw(self, context: bpy.types.Context) -> None:
         self.layout.label(text=tr("Distance now: {measured:.6g}", measured=self.measured), translate=False)
         self.layout.prop(self, "distance")
-        self.layout.label(text="Drawings and models get true lengths from Georeference", icon="INFO")
+        self.layout.label(text=LENGTHS, icon="INFO")
 
     def run(self, context: bpy.types.Context) -> None:
         self.measured = measured = _distance(context)

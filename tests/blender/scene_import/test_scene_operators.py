@@ -5,13 +5,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import blf
 import bpy
 import numpy as np
 import pytest
 import synthetic
 from mathutils import Matrix, Vector
 
+from mgf_blender import translations
 from mgf_blender.common.views import side_of_cameras
+from mgf_blender.scene_import import placement
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.crop import crop_text, find_crop_box
 from mgf_blender.scene_import.operators import frame_tree
@@ -250,3 +253,10 @@ def test_drop_handler_knows_the_files():
 
     assert MGF_FH_colmap.bl_file_extensions == ".bin;.txt"
     assert MGF_FH_colmap.bl_import_operator == "mgf.import_colmap"
+
+
+def test_the_sentence_in_the_dialog_of_set_scale_has_room():
+    texts = [placement.LENGTHS, *(d["*", placement.LENGTHS] for d in translations.dictionary().values())]
+    blf.size(0, 11.0)  # Blender's own size of text at interface scale 1
+    longest = max(blf.dimensions(0, text)[0] for text in texts)
+    assert 250 < longest < placement.DIALOG_WIDTH - 60  # icon and margins
