@@ -94,7 +94,8 @@ def _draw_place(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     if found is None or tree is None:
         return
     if not found.metric:
-        draw_sentence(layout, tr("Scale and place are still unknown"), "INFO")
+        text = tr("Scale and place are still unknown; give control points or scale bars")
+        draw_sentence(layout, text, "INFO")
         return
     if place.is_placed(scene, tree, found):
         east, north, height = found.offset

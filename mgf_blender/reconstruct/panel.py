@@ -22,7 +22,7 @@ _DONE = {
     "scene": N_("Cameras found in {time}"),
     "drawings": N_("Drawings finished in {time}"),
     "models": N_("Models finished in {time}"),
-    "georef": N_("Georeferenced in {time}"),
+    "georef": N_("Georeference finished in {time}"),
     "places": N_("Control points read in {time}"),
     "suggest": N_("Points proposed in {time}"),
 }

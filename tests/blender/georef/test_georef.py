@@ -153,8 +153,9 @@ def test_a_run_that_found_neither_scale_nor_place_says_so(finished, house, geore
     georef_json.write_text(json.dumps({**content, "unit": "scene units", "crs": None, "method": "up", "origin": None}))
     finished.georef.control_file = ""
     bpy.ops.mgf.georeference()
-    said = draw(MGF_PT_georef).said
-    assert "Scale and place are still unknown" in said and "Place in True Coordinates" not in said
+    said = " ".join(draw(MGF_PT_georef).said.split())
+    assert "Scale and place are still unknown; give control points or scale bars" in said
+    assert "Place in True Coordinates" not in said and "Georeferenced" not in said
 
 
 def test_a_scene_far_from_its_origin_keeps_its_offset(addon, engine, tmp_path, georef_json):
