@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import random
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,6 +44,20 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     reporter.stages = stages
     reporter.send("started", job=str(job.folder), pid=os.getpid(), version=__version__, stages=list(stages))
     prepare(job.config, reporter)
+    allow(budget_of(job.config.memory), job.folder, strict=bool(job.config.memory))
+    try:
+        _run_stages(job, stages, reporter)
+    finally:
+        allow(0.0)  # limit and folder are of this job only
+
+
+def _run_stages(job: Job, stages: Sequence[str], reporter: Reporter) -> None:
+    """Run those of the first stages of a job that are not done, and report the result of the last.
+
+    Raises:
+        BadInput, Cancelled: see :mod:`mgf_engine.errors`.
+    """
+    until = stages[-1]
     missing = job.missing_results(until)
     to_run = [name for name in stages if name in missing or not job.done(name)]
     photos = _estimate_job(job, to_run, reporter) if to_run else None
@@ -111,7 +126,7 @@ def prepare(config: Config, reporter: Reporter) -> None:
 
 
 def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | None:
-    """Report the expected time and memory of the stages that will run, and set the memory limit.
+    """Report the expected time and memory of the stages that will run.
 
     Returns:
         Number and size of the photos; None if they cannot be read, which the scene stage reports.
@@ -121,7 +136,6 @@ def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | N
     """
     from mgf_engine.model.photo_cache import PHOTOS, ROOM
 
-    allow(budget_of(job.config.memory), job.folder, strict=bool(job.config.memory))
     PHOTOS.room = share(0.1, ROOM)
     try:
         photos = with_clicks(inspect_photos(job.source, job.folder), job.inputs.clicks)

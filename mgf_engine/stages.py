@@ -146,6 +146,7 @@ STAGES: tuple[Stage, ...] = (
         outputs=(
             Output("checkpoints"),
             Output("checkpoints/field.npz", required=True),
+            Output("blocks/start"),
             Output("field.ply", "field", kept=True, manifest="field"),
         ),
         cost={
@@ -170,6 +171,7 @@ STAGES: tuple[Stage, ...] = (
         reads=("scene", "masks", "field"),
         user_facing=True,
         outputs=(
+            Output("blocks/mesh"),
             Output("mesh.ply", "mesh", required=True, kept=True, manifest="mesh"),
             Output("mesh_parts.npz", kept=True, manifest="parts"),
         ),

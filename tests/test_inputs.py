@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine import pipeline
+from mgf_engine import memory, pipeline
 from mgf_engine.errors import BadInput
 from mgf_engine.job import CLICKS, Job
 from mgf_engine.messages import Reporter
@@ -169,3 +169,17 @@ def test_a_second_job_of_the_same_photos_does_not_disturb_the_first(source: Path
     assert run(source / "job", {"field": second}) == list(STAGE_NAMES)
     assert run(source / "job") == []
     assert set(json.loads((source / "second" / "job.json").read_text())["stages"]) == set()
+
+
+def test_memory_limit_and_folder_of_a_job_end_with_it(source: Path, tmp_path: Path, run) -> None:
+    """What a program does after a job neither writes to its folder nor keeps to its limit."""
+
+    def refuse() -> None:
+        assert memory.scratch() == tmp_path / "job" and memory._allowed
+        raise BadInput("No surface.")
+
+    with pytest.raises(BadInput):
+        run(tmp_path / "job", {"mesh": refuse})
+    assert memory.scratch() is None and not memory._allowed
+    assert run(tmp_path / "job") == ["mesh", "deliver"]
+    assert memory.scratch() is None and not memory._allowed

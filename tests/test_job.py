@@ -11,9 +11,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from mgf_engine import memory
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.block_store import BlockStore
 from mgf_engine.job import Job
 from mgf_engine.results import load_field, load_mesh, load_scene_of
 from mgf_engine.runs import keep_run
@@ -261,6 +264,24 @@ def test_beginning_a_stage_removes_results_of_other_options_only(tmp_path: Path,
     with Job.start(tmp_path / "job", user_options={"seed": 3}, resume=True) as job:
         job.begin("field")
         assert not checkpoint.exists()
+
+
+@pytest.mark.parametrize(
+    ("stage", "kind", "options"), [("field", "start", {"start_cut.area": 0.5}), ("mesh", "mesh", {"level_steps": 3})]
+)
+def test_finished_blocks_of_an_interrupted_stage_are_for_the_same_options_only(
+    tmp_path: Path, source: Path, monkeypatch, stage: str, kind: str, options: dict
+) -> None:
+    monkeypatch.setattr(memory, "_scratch", tmp_path / "job")
+    points = np.zeros((1, 3))  # the same with both options
+    with Job.start(tmp_path / "job", source) as job:
+        job.begin(stage)
+        BlockStore(kind, points).save(1, vertices=points)
+        job.begin(stage)
+        assert BlockStore(kind, points).load(1) is not None
+    with Job.start(tmp_path / "job", user_options=options, resume=True) as job:
+        job.begin(stage)
+        assert BlockStore(kind, points).load(1) is None
 
 
 def leave_results(job: Job) -> None:

@@ -146,5 +146,5 @@ def test_every_stage_says_what_it_reads_and_writes() -> None:
 
 
 def test_what_lies_in_a_folder_is_removed_with_it() -> None:
-    assert stage_named("field").output_paths == ("checkpoints", "field.ply")
+    assert stage_named("field").output_paths == ("checkpoints", "blocks/start", "field.ply")
     assert stage_named("field").required_outputs == ("checkpoints/field.npz",)

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Store the results of finished blocks in the job folder, so that an interrupted job resumes at the next block.
 
-File names contain a hash of the inputs, so that results of other photos or options are never used.
+The folder of each kind of block is an output of its stage: :meth:`mgf_engine.job.Job.begin` removes it before the stage
+runs with other inputs or options. File names contain a hash of the points, so that blocks of a run on another machine,
+which rounds in other ways, are not mixed with those of this one.
 """
 
 from __future__ import annotations
@@ -24,17 +26,17 @@ class BlockStore:
     """Keeps the arrays of finished blocks; outside of a job there is no folder, and nothing is kept.
 
     Args:
-        kind: of the work, part of the files' names.
-        made_from: all that decides what the blocks give.
+        kind: folder of the blocks, ``start`` or ``mesh``.
+        made_from: points that the blocks divide, and how.
     """
 
     def __init__(self, kind: str, *made_from: NDArray[Any]) -> None:
         folder, digest = scratch(), hashlib.sha256()
-        self._folder = None if folder is None else folder / FOLDER
+        self._folder = None if folder is None else folder / FOLDER / kind
         if self._folder is not None:
             for array in made_from:
                 digest.update(np.ascontiguousarray(array).data)
-        self._name = f"{kind}-{digest.hexdigest()[:16]}"
+        self._name = digest.hexdigest()[:16]
 
     def load(self, number: int) -> dict[str, NDArray[Any]] | None:
         """Read the arrays of a block; None where it is not done, or its file is damaged."""

@@ -83,7 +83,7 @@ def test_a_stopped_job_goes_on_at_the_block_it_had_reached(monkeypatch, tmp_path
     stopped = reporter(stop)
     with pytest.raises(Cancelled):
         extract_mesh(sphere(300), scene, masks, options, stopped)
-    assert len(list((tmp_path / "blocks").iterdir())) == 2
+    assert len(list((tmp_path / "blocks" / "mesh").iterdir())) == 2
     background_delaunay = tetra_blocks.background_delaunay
     monkeypatch.setattr(
         tetra_blocks, "background_delaunay", lambda *points: made.append(len(points[0])) or background_delaunay(*points)
