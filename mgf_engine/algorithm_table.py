@@ -92,7 +92,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("low_texture", "masks", "Warning of surfaces without texture", "masks.validation.low_texture:LowTextureOptions"),
     Algorithm("mask_coverage", "masks", "Given masks against the points that the photos share", "masks.validation.mask_coverage:CoverageOptions"),
     Algorithm("cross_view", "masks", "Given masks that other photos contradict", "masks.validation.cross_view_consistency:CrossViewOptions"),
-    Algorithm("parts", "masks", "Elements of the building: windows, doors, wall fields", "masks.parts:PartOptions"),
+    Algorithm("parts", "masks", "Elements of the building: windows, doors, parts of walls", "masks.parts:PartOptions"),
     # field
     Algorithm("start_views", "field", "Photos and masks that the starting surface is made from", "start.options:ViewOptions"),
     Algorithm("start_outside", "field", "What the masks call outside of the building", "start.options:OutsideOptions"),

@@ -90,7 +90,7 @@ class Config:
     masked_points: bool = option(True, "masks", "Start from the sparse points on the building only (ablation b)")
     segmenter: str = option("auto", "masks", "Segmentation method of the masks", choices=("auto", "random_walker", "efficientsam"))
     weights: str = option("", "masks", "Folder of the EfficientSAM weights; empty uses the user's cache folder", path="folder")
-    second_level: str = option("auto", "masks", "Segment elements of the building (windows, doors, wall fields); auto does so if a part was clicked or a loss needs them", choices=("auto", "on", "off"))
+    second_level: str = option("auto", "masks", "Segment elements of the building (windows, doors, parts of walls); auto does so if a part was clicked or a loss needs them", choices=("auto", "on", "off"))
     voters: str = option("all", "masks", "Masks that vote on points and Gaussians (eq. 3 and 22): of all photos, or only of the root photos, which have clicks", choices=("all", "roots"))
     strict_vote: bool = option(False, "masks", "Require a point to lie inside every root mask (eq. 3 as printed)")
     vote_tolerance: float = option(0.1, "masks", "Maximum share of votes against a point", low=0, high=1)

@@ -134,9 +134,9 @@ def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | N
     Raises:
         BadInput: they need more memory than the user allows.
     """
-    from mgf_engine.model.photo_cache import PHOTOS, ROOM
+    from mgf_engine.model.photo_cache import CAPACITY, PHOTOS
 
-    PHOTOS.room = share(0.1, ROOM)
+    PHOTOS.capacity = share(0.1, CAPACITY)
     try:
         photos = with_clicks(inspect_photos(job.source, job.folder), job.inputs.clicks)
     except BadInput:

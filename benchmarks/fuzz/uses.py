@@ -53,7 +53,8 @@ def use_mesh(mesh: Mesh, scene: Scene, masks: MaskSet, folder: Path) -> None:
     for view in views:  # as it is, as `mgf evaluate` does
         render_mesh(mesh, view)
     mesh = clean.weld(clean.with_faces(replace(mesh, values={}), mesh.faces))
-    mesh = clean.smooth(clean.split_nonmanifold(clean.drop_small_parts(mesh, 0.01)), 1)
+    mesh = clean.with_faces(mesh, mesh.faces[clean.large_parts(mesh, 0.01)])
+    mesh = clean.smooth(clean.split_nonmanifold(mesh), 1)
     counts = count_pixels(mesh, views)
     mesh = clean.orient_outward(mesh, counts.front, counts.back)
     faces_near_clicks(mesh, views, masks.clicks or [np.zeros((0, 2), np.float32)] * len(views))

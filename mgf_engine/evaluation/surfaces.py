@@ -13,10 +13,9 @@ import igl
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.components import label_components
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -179,8 +178,7 @@ def _pieces(edges: NDArray[np.int64], used: NDArray[np.int64]) -> int:
     if len(used) == 0:
         return 0
     rows = np.searchsorted(used, edges)
-    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows[:, 0], rows[:, 1])), shape=(len(used), len(used)))
-    return int(connected_components(graph, directed=False)[0])
+    return int(label_components(len(used), *rows.T).max()) + 1
 
 
 def read_surface(path: Path) -> Surface:

@@ -105,7 +105,7 @@ def _figures_of(figures: Any) -> dict[str, Any]:
         raise ValueError("seconds")
     if not all(isinstance(point["psnr"], int | float) for point in curve):
         raise ValueError("curve")
-    TileListCapacity().restore(figures.get("room"))
+    TileListCapacity().restore(figures.get("tile_list_capacity"))
     return dict(figures)
 
 

@@ -66,7 +66,7 @@ def compare(n: int, width: int, height: int) -> dict[str, float]:
     fields = [side.optimiser.field for side in sides]
     for name in TRAINED:
         found[f"gradient of {name}"] = far(*(getattr(f, name).grad for f in fields))
-    for _ in range(2):  # the first of its kind still waits, to learn how much room it takes
+    for _ in range(2):  # the first of its kind still waits, to learn how long the lists get
         unawaited, _ = sides[1].forward(wait=False)
     for name in OUTPUTS:
         found[f"{name} without waiting"] = far(getattr(passes[0][0], name), getattr(unawaited, name))
@@ -75,15 +75,15 @@ def compare(n: int, width: int, height: int) -> dict[str, float]:
 
 
 def same_training(n: int, width: int, height: int) -> bool:
-    """Tell whether the card trains the same field twice, with the same iterations lost for want of room."""
-    room, found, lost = rasterizer_on("cuda").capacity, [], []
+    """Tell whether the card trains the same field twice, with the same iterations lost for lack of capacity."""
+    capacity, found, lost = rasterizer_on("cuda").capacity, [], []
     for _ in range(2):
-        room.restore()
+        capacity.restore()
         side = Training(n, width, height, torch.device("cuda"))
         for _ in range(_ITERATIONS):
             side.iterate()
         found.append(side.optimiser.field)
-        lost.append(room.lost)
+        lost.append(capacity.lost)
     return lost[0] == lost[1] and all(torch.equal(*(getattr(f, name) for f in found)) for name in TRAINED)
 
 

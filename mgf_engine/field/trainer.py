@@ -114,7 +114,7 @@ class _Trainer:
             found = Checkpoint(Optimiser(field), RenderStats.zeros(len(field)), 0, figures)
         self.optimiser, self.stats = found.optimiser.to(self.device), found.stats.to(self.device)
         self.iteration, self.figures = found.iteration, found.figures
-        restore_capacity(self.device, self.figures.get("room"))
+        restore_capacity(self.device, self.figures.get("tile_list_capacity"))
         self.seconds.update(self.figures["seconds"])
 
     def run(self) -> tuple[Gaussians, dict[str, Any]]:
@@ -259,7 +259,7 @@ class _Trainer:
         )  # fmt: skip
 
     def _save(self) -> None:
-        self.figures |= {"seconds": dict(self.seconds), "room": capacity_state(self.device)}
+        self.figures |= {"seconds": dict(self.seconds), "tile_list_capacity": capacity_state(self.device)}
         write_checkpoint(Checkpoint(self.optimiser, self.stats, self.iteration, self.figures), self.checkpoint_path)
 
     def _preview(self, target: Target, rendering: Rendering) -> None:
@@ -274,7 +274,7 @@ class _Trainer:
         seconds = {name: round(value, 2) for name, value in self.seconds.items()}
         lost = lost_renderings(self.device)
         if lost:
-            log.info("field: %d iterations changed nothing, since their tile lists had too little room", lost)
+            log.info("field: %d iterations changed nothing, since their tile lists had too little capacity", lost)
         return {
             "gaussians": len(self.optimiser.field),
             "iterations": self.iteration,

@@ -72,11 +72,6 @@ def large_parts(mesh: Mesh, share: float) -> NDArray[np.bool_]:
     return large[label]
 
 
-def drop_small_parts(mesh: Mesh, share: float) -> Mesh:
-    """Keep the parts whose area is at least ``share`` of the largest part's."""
-    return with_faces(mesh, mesh.faces[large_parts(mesh, share)])
-
-
 def seen_parts(mesh: Mesh, seen: NDArray[np.integer], share: float) -> NDArray[np.bool_]:
     """Find the faces of components that are visible, bool [F]; removes bubbles inside walls and distant objects.
 

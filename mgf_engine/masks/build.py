@@ -20,7 +20,7 @@ from mgf_engine.masks.contact_sheet import write_contact_sheet
 from mgf_engine.masks.elements import add_elements
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells
 from mgf_engine.masks.part_options import PartOptions
-from mgf_engine.masks.parts import Part, tie_parts
+from mgf_engine.masks.parts import Part, match_elements
 from mgf_engine.masks.points import VoteOptions, choose_voters, pixel_at, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, no_clicks, read_prompts
 from mgf_engine.masks.propagation.propagate import Propagation, propagate
@@ -203,7 +203,7 @@ def _second_level(
         labels.append(with_elements)
         names.append(named)
         reporter.check()
-    return replace(masks, labels=tuple(labels)), tie_parts(scene, labels, names, options)
+    return replace(masks, labels=tuple(labels)), match_elements(scene, labels, names, options)
 
 
 def _check(scene: Scene, result: Propagation, config: Config) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Segment the elements of the building in one photo (second level: windows, doors, wall fields, roof faces).
+"""Segment the elements of the building in one photo (second level: windows, doors, parts of walls, roof faces).
 
 They are segmented by colour or by EfficientSAM; clicks on parts take precedence.
 """
@@ -46,17 +46,17 @@ def add_elements(
         photo: RGB uint8 [H, W, 3].
         clicks: name of a part -> clicks; these take precedence over automatic segmentation.
         sam: prompted with a grid of points; None segments by colour.
-        options: of the colour fields, the grid of points, and the least size of an element.
+        options: of the segmentation by colour, the grid of points, and the least size of an element.
     """
     inside = building(labels)
     if not inside.any():
         return labels, {}
-    fields = colour_fields(photo, inside, options)
-    named = [(name, _clicked(points, fields, inside, photo, sam, options)) for name, points in sorted(clicks.items())]
+    segments = segment_by_colour(photo, inside, options)
+    named = [(name, _clicked(points, segments, inside, photo, sam, options)) for name, points in sorted(clicks.items())]
     if sam is not None:
         found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam, options)]
     else:
-        found = good_fields(photo, inside, fields, options)
+        found = select_segments(photo, inside, segments, options)
     result = np.where(inside, BUILDING, labels).astype(np.uint8)
     number = FIRST_ELEMENT
     # Small ones are drawn over the large ones they lie on; named ones over all.
@@ -73,48 +73,51 @@ def add_elements(
     return _renumber(result, names)
 
 
-def colour_fields(
+def segment_by_colour(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], options: PartOptions = PartOptions()
 ) -> NDArray[np.int32]:
-    """Segment the building into fields of homogeneous colour, int32 [H, W] from 0; -1 outside."""
+    """Segment the building by colour (Felzenszwalb and Huttenlocher 2004): labels from 0, -1 outside, int32 [H, W]."""
     count, result = 0, np.full(inside.shape, -1, np.int32)
     around = _around(inside, options)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
     lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, 7, 30, 5), cv2.COLOR_RGB2LAB))
-    lab[~grow(building_here, options.margin)] = 0  # one field, quickly found
+    lab[~grow(building_here, options.margin)] = 0  # one segment, quickly found
     smallest = max(12, round(options.smallest * int(inside.sum())))
     graph = cv2.ximgproc.segmentation.createGraphSegmentation(0.6, 250.0, smallest)
-    fields = graph.processImage(lab).astype(np.int32)
-    fields[~building_here] = -1
-    # A field cut in two by the outline or an occluder is two fields.
-    for value, box in _boxes(fields).items():
-        pieces, here = cv2.connectedComponents((fields[box] == value).astype(np.uint8), connectivity=4)
+    segments = graph.processImage(lab).astype(np.int32)
+    segments[~building_here] = -1
+    # A segment cut in two by the outline or an occluder is two segments.
+    for value, box in _boxes(segments).items():
+        pieces, here = cv2.connectedComponents((segments[box] == value).astype(np.uint8), connectivity=4)
         where = here > 0
         result[around][box][where] = here[where] - 1 + count
         count += pieces - 1
     return result
 
 
-def good_fields(
-    photo: NDArray[np.uint8], inside: NDArray[np.bool_], fields: NDArray[np.int32], options: PartOptions = PartOptions()
+def select_segments(
+    photo: NDArray[np.uint8],
+    inside: NDArray[np.bool_],
+    segments: NDArray[np.int32],
+    options: PartOptions = PartOptions(),
 ) -> list[Element]:
-    """Select the fields within the limits of size that contrast with their surroundings.
+    """Select the segments within the limits of size that contrast with their surroundings.
 
     Args:
         photo: RGB uint8 [H, W, 3].
         inside: the building, [H, W].
-        fields: number of the field of each pixel, [H, W]; -1 for none.
+        segments: label of each pixel, [H, W]; -1 for none.
         options: limits of size and contrast.
     """
     around = _around(inside, options)
     lab = lab_of(photo[around])
-    total, sizes = int(inside.sum()), np.bincount(fields[fields >= 0])
+    total, sizes = int(inside.sum()), np.bincount(segments[segments >= 0])
     result = []
-    for value, (rows, columns) in _boxes(fields).items():
+    for value, (rows, columns) in _boxes(segments).items():
         if not options.smallest * total <= sizes[value] <= options.largest * total:
             continue
         box = slice(max(0, rows.start - 4), rows.stop + 4), slice(max(0, columns.start - 4), columns.stop + 4)
-        mask = fields[box] == value
+        mask = segments[box] == value
         ring = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~mask
         top, left = around[0].start, around[1].start
         patch = lab[box[0].start - top : box[0].stop - top, box[1].start - left : box[1].stop - left]
@@ -169,16 +172,16 @@ def sam_elements(
 
 
 def _clicked(
-    points: Points, fields: NDArray[np.int32], inside: NDArray[np.bool_], photo: NDArray[np.uint8],
+    points: Points, segments: NDArray[np.int32], inside: NDArray[np.bool_], photo: NDArray[np.uint8],
     sam: EfficientSam | None, options: PartOptions,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Return the element under the user's clicks: the colour fields they hit, or the model's smallest good answer."""
+    """Return the element under the user's clicks: the segments they hit, or the model's smallest good answer."""
     if not len(points):
         return np.zeros(inside.shape, bool)
     y, x = pixel_at(inside.shape, points)
     if sam is None:
-        hit = fields[y, x]
-        return np.isin(fields, hit[hit >= 0])
+        hit = segments[y, x]
+        return np.isin(segments, hit[hit >= 0])
     masks, quality = sam.ask(sam.embed(photo), photo.shape[:2], points, np.full(len(points), POINT))
     best, best_score = np.zeros(inside.shape, bool), -1.0
     for logits, value in zip(masks, quality, strict=True):
@@ -189,9 +192,9 @@ def _clicked(
     return best
 
 
-def _boxes(fields: NDArray[np.int32]) -> dict[int, tuple[slice, slice]]:
+def _boxes(segments: NDArray[np.int32]) -> dict[int, tuple[slice, slice]]:
     """Return bounding boxes of the values from 0 up."""
-    return {value: box for value, box in enumerate(find_objects(fields + 1)) if box is not None}
+    return {value: box for value, box in enumerate(find_objects(segments + 1)) if box is not None}
 
 
 def _renumber(labels: NDArray[np.uint8], names: dict[int, str]) -> tuple[NDArray[np.uint8], dict[int, str]]:

@@ -19,7 +19,7 @@ class PartOptions:
     stability: float = parameter(0.9, "Minimum stability of a mask of EfficientSAM", high=1)
     overlap: float = parameter(0.6, "Maximum overlap (intersection over union) of two masks of EfficientSAM", high=1)
     contrast: float = parameter(4.0, "Minimum colour distance (CIELAB) between an element and what is around it")
-    margin: int = parameter(8, "Width around the building in which fields may end", "px", low=1)
+    margin: int = parameter(8, "Width around the building in which segments may end", "px", low=1)
     shared: int = parameter(3, "Minimum number of points that two elements of one part share", low=1)
     common: float = parameter(
         0.5, "Minimum share of the points seen in both photos that two elements of one part share", high=1

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.masks import FIRST_ELEMENT, IGNORE
@@ -31,7 +32,7 @@ class Part:
     points: list[int] = field(default_factory=list)
 
 
-def tie_parts(
+def match_elements(
     scene: Scene, labels: list[NDArray[np.uint8]], names: list[dict[int, str]], options: PartOptions = PartOptions()
 ) -> list[Part]:
     """Join elements of different photos that contain the same sparse points, or have the same name, into parts.
@@ -49,14 +50,11 @@ def tie_parts(
         element[here] = labels_here[y, x]
     element[(element < FIRST_ELEMENT) | (element == IGNORE)] = 0
     node = np.where(element > 0, scene.track_view.astype(np.int64) * 256 + element, -1)
-    parent = {int(n): int(n) for n in np.unique(node[node >= 0])}
-    parent |= {v * 256 + label: v * 256 + label for v, named in enumerate(names) for label in named}
-    for first, second in _links(scene, node, options):
-        parent[_root(parent, first)] = _root(parent, second)
-    for members in _same_name(names):
-        for other in members[1:]:
-            parent[_root(parent, other)] = _root(parent, members[0])
-    return _collect(scene, node, parent, names)
+    named = np.array([v * 256 + label for v, given in enumerate(names) for label in given], np.int64)
+    elements = np.union1d(node[node >= 0], named)
+    links = np.array([*_links(scene, node, options), *_same_name(names)], np.int64).reshape(-1, 2)
+    group = label_components(len(elements), *np.searchsorted(elements, links).T)
+    return _collect(scene, node, elements, group, names)
 
 
 def _links(scene: Scene, node: NDArray[np.int64], options: PartOptions) -> list[tuple[int, int]]:
@@ -80,38 +78,42 @@ def _links(scene: Scene, node: NDArray[np.int64], options: PartOptions) -> list[
     return list(zip(ids[a[good]].tolist(), ids[b[good]].tolist(), strict=True))
 
 
-def _same_name(names: list[dict[int, str]]) -> list[list[int]]:
-    """Return elements the user gave the same name, which are one part."""
-    groups: dict[str, list[int]] = {}
-    for view, named in enumerate(names):
-        for label, name in named.items():
-            groups.setdefault(name, []).append(view * 256 + label)
-    return list(groups.values())
+def _same_name(names: list[dict[int, str]]) -> list[tuple[int, int]]:
+    """Return the pairs of elements that the user gave the same name: the first of a name with each other one."""
+    first: dict[str, int] = {}
+    named = [(view * 256 + label, name) for view, given in enumerate(names) for label, name in given.items()]
+    return [(first.setdefault(name, element), element) for element, name in named]
 
 
-def _collect(scene: Scene, node: NDArray[np.int64], parent: dict[int, int], names: list[dict[int, str]]) -> list[Part]:
-    owner = scene.track_point
-    groups: dict[int, list[int]] = {}
-    for member in sorted(parent):
-        groups.setdefault(_root(parent, member), []).append(member)
+def _collect(
+    scene: Scene,
+    node: NDArray[np.int64],
+    elements: NDArray[np.int64],
+    group: NDArray[np.int32],
+    names: list[dict[int, str]],
+) -> list[Part]:
+    """Make the parts, with the points that most of their observations lie on.
+
+    Args:
+        scene: with its tracks.
+        node: element under each observation, view * 256 + label; -1 for none.
+        elements: all elements, sorted, [N].
+        group: number of each element's part, [N].
+        names: per view, label -> the user's name.
+    """
+    known = np.flatnonzero(node >= 0)
     votes: dict[int, Counter[int]] = {}
-    for point, member in zip(owner[node >= 0], node[node >= 0], strict=True):
-        votes.setdefault(int(point), Counter())[_root(parent, int(member))] += 1
+    for point, voted in zip(scene.track_point[known], group[np.searchsorted(elements, node[known])], strict=True):
+        votes.setdefault(int(point), Counter())[int(voted)] += 1
     points: dict[int, list[int]] = {}
     for point, counter in sorted(votes.items()):
         points.setdefault(counter.most_common(1)[0][0], []).append(point)
     parts: list[Part] = []
-    for root, members in groups.items():
+    for number in range(int(group.max(initial=-1)) + 1):
+        members = elements[group == number].tolist()
         given = [names[m // 256][m % 256] for m in members if m % 256 in names[m // 256]]
         if len(members) == 1 and not given:
             continue  # seen in one photo only: an element, not a part
         name = given[0] if given else f"element-{len(parts) + 1}"
-        parts.append(Part(name, [(m // 256, m % 256) for m in members], points.get(root, [])))
+        parts.append(Part(name, [(m // 256, m % 256) for m in members], points.get(number, [])))
     return parts
-
-
-def _root(parent: dict[int, int], node: int) -> int:
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
-    return node

@@ -36,7 +36,7 @@ def find_trusted_views(scene: Scene, masks: MaskSet, options: ExtractionOptions 
     return TrustedViews(
         chosen,
         [scene.views[i] for i in chosen],
-        silhouette_masks(scene, masks, chosen, options.dilation),
+        silhouette_masks(masks, chosen, options.dilation),
         [masks.labels[i] for i in chosen],
         _photos(scene, masks, chosen, options) if options.match_photos else None,
     )

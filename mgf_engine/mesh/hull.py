@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet
-from mgf_engine.model.scene import Scene
 from mgf_engine.raster import points as kernel
 
 
@@ -59,11 +58,10 @@ def silhouette_mask(labels: NDArray[np.uint8], dilation: int) -> NDArray[np.uint
     return result
 
 
-def silhouette_masks(scene: Scene, masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
+def silhouette_masks(masks: MaskSet, views: Sequence[int], dilation: int) -> list[NDArray[np.uint8]]:
     """Convert the label maps of some views by :func:`silhouette_mask`.
 
     Args:
-        scene: the views.
         masks: label maps of all views.
         views: numbers of the views whose masks are converted.
         dilation: of the masks, px.

@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import edges, face_areas
+from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.mesh.divide import divide_long_edges
@@ -246,8 +245,7 @@ def _largest_part(faces: MeshFaces, rows: NDArray[np.int64]) -> NDArray[np.int64
     place[rows] = np.arange(len(rows))
     a, b = place[faces.pairs]
     both = (a >= 0) & (b >= 0)
-    graph = coo_array((np.ones(both.sum(), np.int8), (a[both], b[both])), (len(rows), len(rows)))
-    part = connected_components(graph, directed=False)[1]
+    part = label_components(len(rows), a[both], b[both])
     if not len(part):
         return rows
     return rows[part == np.bincount(part, faces.area[rows]).argmax()]

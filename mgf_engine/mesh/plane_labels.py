@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
+from mgf_engine.geometry.components import label_components
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
@@ -108,8 +107,8 @@ def _fill_islands(
     start, neighbour = mesh.adjacency.neighbours()
     vertex, free = np.repeat(np.arange(len(label)), np.diff(start)), label < 0
     inside, rim = free[vertex] & free[neighbour], free[vertex] & ~free[neighbour]
-    graph = coo_array((np.ones(inside.sum(), np.int8), (vertex[inside], neighbour[inside])), (len(label), len(label)))
-    count, group = connected_components(graph, directed=False)
+    group = label_components(len(label), vertex[inside], neighbour[inside])
+    count = int(group.max(initial=-1)) + 1
     around, plane = group[vertex[rim]], label[neighbour[rim]].astype(np.int64)
     keys, times = np.unique(around.astype(np.int64) * len(planes.normals) + plane, return_counts=True)
     order = np.argsort(times, kind="stable")

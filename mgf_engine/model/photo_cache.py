@@ -14,17 +14,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-ROOM = 256 << 20  # bytes: some 230 photos of 750 x 500
+CAPACITY = 256 << 20  # bytes: some 230 photos of 750 x 500
 
 
 class PhotoCache:
-    """Keeps what was read last while it fits into ``room`` bytes; any number of threads may ask.
+    """Keeps what was read last while it fits into ``capacity`` bytes; any number of threads may ask.
 
     Larger sets than fit, read in order again and again, gain nothing and lose nothing.
     """
 
-    def __init__(self, room: int = ROOM) -> None:
-        self.room = room
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self.capacity = capacity
         self._held: OrderedDict[Path, tuple[tuple[int, int], NDArray[np.uint8]]] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()
@@ -44,11 +44,11 @@ class PhotoCache:
         photo = read(path)  # outside the lock: others decode at the same time
         photo.flags.writeable = False
         with self._lock:
-            if photo.nbytes <= self.room:
+            if photo.nbytes <= self.capacity:
                 self._drop(path)
                 self._held[path] = state, photo
                 self._bytes += photo.nbytes
-            while self._bytes > self.room:
+            while self._bytes > self.capacity:
                 self._drop(next(iter(self._held)))
         return photo
 

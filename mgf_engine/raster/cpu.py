@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CPU backend: calls the C kernels in order (project, sort, bin, blend, and back)."""
+"""The CPU backend: call the C kernels in order (project, sort, bin, blend, and back)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from mgf_engine.raster.camera import TILE, Camera
 RECORD = 32  # floats per record, csrc/raster/records.h
 PLANES, PLANES_BASIC = 12, 5  # image planes, csrc/raster/blend.h
 SUMS = 24  # gradient sums per list entry, csrc/raster/blend_backward.h
+MAX_ENTRIES = 2**31 - 2  # of all tile lists together: they are numbered by int32
 _CHUNKS = 16  # parts of the depth order that are binned side by side
 _LEVEL_COLOR, _LEVEL_DEPTH, _LEVEL_ALL = 0, 1, 2
 
@@ -92,7 +93,14 @@ def build_lists(gaussians: Gaussians, camera: Camera, sh_degree: int = 0, tile_m
 
 @dataclass
 class Projection:
-    """Projected Gaussians before they are listed; arrays as in :class:`TileLists`."""
+    """Projected Gaussians before they are listed; ``records``, camera and frame as in :class:`TileLists`.
+
+    Attributes:
+        footprints: int32 [N, 8], tiles that each Gaussian touches, struct Footprint of ``csrc/raster/footprint.h``.
+        tile_counts: int32 [N], their number among the wanted tiles.
+        depth_keys: int32 [N], depth as an unsigned integer that sorts alike.
+        mask: uint8 [tiles_y, tiles_x], 1 for tiles that are wanted.
+    """
 
     records: Tensor
     footprints: Tensor
@@ -163,12 +171,12 @@ def bin_tiles(seen: Projection) -> TileLists:
 
 
 def check_entries(entries: int) -> None:
-    """Refuse lists of all tiles that are together longer than 32-bit numbers reach.
+    """Check the number of entries of all tile lists.
 
     Raises:
-        BadInput: the lists are longer than 32-bit numbers reach.
+        BadInput: there are more than :data:`MAX_ENTRIES`.
     """
-    if entries >= 2**31:
+    if entries > MAX_ENTRIES:
         raise BadInput(
             f"The Gaussians touch {entries:,} tiles, more than the kernels can list; lower --resolution or "
             "--max-gaussians."
@@ -228,7 +236,7 @@ def backward(
         image: as :func:`blend` made it.
         hits: as :func:`blend` made them.
         gradients: of the loss by each output.
-        error_map: float32 [H, W], per-pixel error that ``statistics`` gather; None for zero.
+        error_map: float32 [H, W], error of each pixel that ``statistics`` sum up; None for zero.
         statistics: all of :class:`mgf_engine.raster.outputs.RenderStats`, to add to, or none.
     """
     sums = blend_backward(lists, image, hits, gradients, error_map, statistics is not None)

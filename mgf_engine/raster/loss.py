@@ -23,10 +23,9 @@ from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.camera import Intrinsics
 from mgf_engine.raster.device import backend_for
 from mgf_engine.raster.loss_inputs import LossWeights, PhotoSide
+from mgf_engine.raster.map_gradients import ALPHA, DEPTH, NORMAL, count_planes, split_planes
 from mgf_engine.raster.ms_ssim import ms_ssim
 from mgf_engine.raster.photo_side import TILE_H
-
-_ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def image_loss(
         backdrop: float32 [3] on the CPU, colour behind the field inside the mask.
         camera: intrinsics of the whole frame.
         error: float32 [h, w], rows may be apart; receives the absolute colour error inside the box plus alpha on the
-            ring.
+            background band.
         backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for maps on a card, else ``cpu``.
 
     Raises:
@@ -129,8 +128,7 @@ class _Pass:
         self.normal: Tensor | None = others[1] if weights.normals > 0 else None
         self.frame = Frame()
         self.scratch = self.frame.array(torch.float32, photo.scratch)
-        planes = _PLANES if weights.normals > 0 else _DEPTH if weights.distortion > 0 else _DISTORTION
-        self.gradient = lasting_array(torch.float32, planes, *self.alpha.shape)
+        self.gradient = lasting_array(torch.float32, count_planes(weights), *self.alpha.shape)
         self.scales = len(photo.levels) if weights.multilevel > 0 else 1
         tiles = photo.levels[: self.scales, 2] * photo.levels[: self.scales, 3]
         self.finest, self.tiles = int(tiles[0]), int(tiles.sum())
@@ -151,22 +149,18 @@ class _Pass:
             coarse = (photo.flags, photo.labels, self.ids, slopes, scratch)
             parallel("mgf_loss_coarse", *levels, *coarse, self.failed, pieces=self.tiles - self.finest)
         consistency, normals = self._normals(camera) if self.depth is not None else (0.0, 0.0)
-        l1, on_ring, distortion = self._finish(slopes, edge_slope, normals)
+        l1, in_band, distortion = self._finish(slopes, edge_slope, normals)
         if self.failed[0]:
             raise MemoryError("Not enough memory to compare the render with the photo; work at a lower resolution.")
         return {
             "color": similarity + l1,
             "geometry": consistency + self.weights.distortion * distortion / self.inside,
-            "background": self.weights.background * on_ring / max(photo.band_area, 1),
+            "background": self.weights.background * in_band / max(photo.band_area, 1),
         }
 
     def gradients(self) -> list[Tensor]:
         """Return the gradients of the maps, in the order they came."""
-        g = self.gradient
-        found = [g[:_ALPHA], g[_ALPHA]]
-        if self.distortion is not None:
-            found.append(g[_DISTORTION])
-        return [*found, g[_DEPTH], g[_NORMAL:]] if self.depth is not None else found
+        return split_planes(self.gradient, self.weights)
 
     def _at_box(self, map: Tensor | None) -> Any:
         """Return the address of a map's first pixel in the box."""
@@ -212,12 +206,12 @@ class _Pass:
         photo, sums, (y, x) = self.photo, np.zeros((len(self.photo.strips), 2)), self.photo.origin
         height, width = photo.labels.shape
         if min(height, width) < 3:
-            self.gradient[_DEPTH:].zero_()
-            self.gradient[_ALPHA].zero_()
+            self.gradient[DEPTH:].zero_()
+            self.gradient[ALPHA].zero_()
             return 0.0, 0.0
         intrinsics = (float(camera.fx), float(camera.fy), float(camera.cx - x), float(camera.cy - y))
         images = (self._at_box(self.depth), self._at_box(self.normal), self._at_box(self.alpha))
-        goals = [self._at_box(self.gradient[plane]) for plane in (_DEPTH, _NORMAL, _ALPHA)]
+        goals = [self._at_box(self.gradient[plane]) for plane in (DEPTH, NORMAL, ALPHA)]
         parallel(
             "mgf_loss_normals", *images, self.normal.stride(0), self.normal.stride(1), photo.labels, photo.strips,
             height, width, *intrinsics, sums, *goals, self.gradient.stride(1), self.gradient.stride(0), self.failed,
@@ -228,7 +222,7 @@ class _Pass:
         return float(loss * factor), float(factor)
 
     def _finish(self, slopes: NDArray[np.float32] | None, edge_slope: float, normals: float) -> NDArray[np.float64]:
-        """Compute all gradients; returns the L1 terms, the sum of alpha over the ring and of the distortion inside."""
+        """Compute all gradients; returns sums: the L1 terms, alpha over the background band, distortion inside."""
         photo, weights, (y, x) = self.photo, self.weights, self.photo.origin
         base, edge, _ = self._pixel_weights()
         l1 = np.zeros(self.ids)

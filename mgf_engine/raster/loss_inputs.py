@@ -64,7 +64,7 @@ class LossWeights:
             place of label 0, of the whole building.
         boundary: of the boundary loss, eq. 17; ``edge``: weight of a boundary pixel, eq. 12.
         l1, ssim: of the two parts of each of them.
-        background: of the mean alpha over the ring.
+        background: of the mean alpha over the background band.
         distortion, normals: of the two geometry terms of eq. 20.
     """
 

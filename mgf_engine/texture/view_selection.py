@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import edges
+from mgf_engine.geometry.components import label_components
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.visibility import FaceViews, VisibilityOptions
 
@@ -109,8 +108,7 @@ def _smooth_labels(
 def patches(label: NDArray[np.int32], neighbours: NDArray[np.int64]) -> NDArray[np.int32]:
     """Label the patches: faces of one view that are connected by edges, int32 [F]."""
     same = neighbours[label[neighbours[:, 0]] == label[neighbours[:, 1]]]
-    links = sparse.coo_matrix((np.ones(len(same), np.int8), (same[:, 0], same[:, 1])), (len(label), len(label)))
-    return np.asarray(connected_components(links, directed=False)[1], np.int32)
+    return label_components(len(label), *same.T)
 
 
 def _without_small(

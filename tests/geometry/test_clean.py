@@ -46,12 +46,12 @@ def test_parts_are_counted_by_shared_edges():
     assert clean.parts(touching).tolist() in ([0, 1], [1, 0])  # one common corner does not join
 
 
-def test_small_parts_go_by_area():
+def test_large_parts_are_those_of_large_area():
     big, small, speck = ball(1.0, 3), moved(ball(0.3, 3), 3, 0, 0), moved(ball(0.05, 3), -3, 0, 0)
-    kept = clean.drop_small_parts(merged(big, small, speck), 0.01)
-    assert len(kept.faces) == len(big.faces) + len(small.faces)
-    assert len(clean.drop_small_parts(merged(big, small, speck), 0.0).faces) == 3 * len(big.faces)
-    assert len(clean.drop_small_parts(merged(big, small), 1.0).faces) == len(big.faces)
+    of_part = np.arange(3).repeat(len(big.faces))  # all have as many
+    assert np.array_equal(clean.large_parts(merged(big, small, speck), 0.01), of_part < 2)
+    assert clean.large_parts(merged(big, small, speck), 0.0).all()
+    assert np.array_equal(clean.large_parts(merged(big, small), 1.0), of_part[: 2 * len(big.faces)] < 1)
 
 
 def test_parts_inside_are_hidden():
@@ -201,11 +201,11 @@ def test_empty_meshes_pass_through():
     nothing = empty()
     none = np.zeros(0, np.int64)
     for result in (
-        clean.weld(nothing), clean.drop_small_parts(nothing, 0.1), clean.with_faces(nothing, nothing.faces),
+        clean.weld(nothing), clean.with_faces(nothing, nothing.faces),
         clean.orient_outward(nothing, none, none), clean.split_nonmanifold(nothing), fill_holes(nothing, 1.0),
     ):  # fmt: skip
         assert len(result.faces) == 0
-    assert len(clean.seen_parts(nothing, none, 0.1)) == 0
+    assert len(clean.seen_parts(nothing, none, 0.1)) == len(clean.large_parts(nothing, 0.1)) == 0
 
 
 def test_areas_of_vertices_add_up_and_follow_the_faces():

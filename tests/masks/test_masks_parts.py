@@ -4,7 +4,7 @@ import pytest
 from support.small_scene import make_scene, view
 
 from mgf_engine.masks.elements import LAST_ELEMENT, add_elements
-from mgf_engine.masks.parts import tie_parts
+from mgf_engine.masks.parts import match_elements
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 
 WINDOWS = [(30, 40), (30, 90), (30, 140), (80, 40), (80, 140)]
@@ -85,7 +85,7 @@ def test_parts_are_tied_by_points():
     maps[1][:, :10], maps[1][:, 10:] = 5, 4
     tracks = [[(0, x, 5.0), (1, x, 5.0), (2, x, 5.0)] for x in (1.0, 3.0, 5.0, 7.0, 12.0, 14.0, 16.0, 18.0)]
     scene = make_scene(views, np.zeros((8, 3)), tracks)
-    parts = tie_parts(scene, maps, [{}, {5: "tower"}, {}])
+    parts = match_elements(scene, maps, [{}, {5: "tower"}, {}])
     found = {p.name: (sorted(p.elements), p.points) for p in parts}
     assert found["tower"] == ([(0, 2), (1, 5)], [0, 1, 2, 3])
     assert found["element-1" if "element-1" in found else "element-2"] == ([(0, 3), (1, 4)], [4, 5, 6, 7])
@@ -98,14 +98,14 @@ def test_elements_are_tied_that_share_most_points_the_other_photo_sees(shared: i
     maps[1][:, : 2 * shared] = 2
     tracks = [[(0, x, 5.0), (1, x, 5.0)] for x in np.arange(8) * 2.0 + 1.0]
     scene = make_scene([view("a", 0), view("b", 0)], np.zeros((8, 3)), tracks)
-    parts = tie_parts(scene, maps, [{2: "door"}, {}])
+    parts = match_elements(scene, maps, [{2: "door"}, {}])
     assert [sorted(p.elements) for p in parts] == ([[(0, 2), (1, 2)]] if tied else [[(0, 2)]])
 
 
 def test_one_name_is_one_part_even_without_points():
     scene = make_scene([view("a", 0), view("b", 0)], np.zeros((0, 3)), [])
     maps = [np.full((10, 20), 2, np.uint8)] * 2
-    parts = tie_parts(scene, maps, [{2: "door"}, {2: "door"}])
+    parts = match_elements(scene, maps, [{2: "door"}, {2: "door"}])
     assert [(p.name, sorted(p.elements)) for p in parts] == [("door", [(0, 2), (1, 2)])]
 
 

@@ -297,24 +297,24 @@ def test_surfaces_are_let_go_when_no_view_to_come_needs_them(monkeypatch):
 
     monkeypatch.setattr(tsdf, "render_surface", render)
     views = ring(24)
-    scene, masks = scene_of(views, ball())
+    masks = scene_of(views, ball())[1]
     grey = np.zeros((views[0].height, views[0].width), np.uint8)
     photos = tsdf.Photos(lambda number: grey, [[max(n - 1, 0), min(n + 1, 23)] for n in range(24)])
     from mgf_engine.mesh.hull import silhouette_masks
 
     library.set_threads(2)
-    field = tsdf.fuse_gaussians(sphere(100), views, silhouette_masks(scene, masks, range(24), 1), photos)
+    field = tsdf.fuse_gaussians(sphere(100), views, silhouette_masks(masks, range(24), 1), photos)
     library.set_threads(0)
     assert len(field.maps) == len(alive) == 24 and most <= 4 + 2 * (2 + 1)  # those made ahead twice over
 
 
 def test_depth_maps_in_a_file_give_the_same_surface(tmp_path) -> None:
     views = ring(12)
-    scene, masks = scene_of(views, ball())
+    masks = scene_of(views, ball())[1]
     from mgf_engine.mesh import tsdf
     from mgf_engine.mesh.hull import silhouette_masks
 
-    judged = silhouette_masks(scene, masks, range(12), 1)
+    judged = silhouette_masks(masks, range(12), 1)
     points = np.random.default_rng(0).uniform(-1, 1, (200_000, 3))
     try:
         memory.allow(1e12, tmp_path)

@@ -23,8 +23,8 @@ UNCARVED = HullOptions(carve=False)
 @pytest.fixture(scope="module")
 def setting():
     views = ring(12)
-    scene, masks = scene_of(views, ball(1.1))
-    return sphere(800), views, silhouette_masks(scene, masks, range(len(views)), 1)
+    masks = scene_of(views, ball(1.1))[1]
+    return sphere(800), views, silhouette_masks(masks, range(len(views)), 1)
 
 
 def make(kind, setting, agree=1):

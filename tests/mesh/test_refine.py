@@ -45,8 +45,8 @@ def setting():
     """Cameras close together before one side of the ball; photos; and a ball with dents of up to half a pixel."""
     views = [camera((4.0, 1.2 * (k - 2), 0.6 * (-1) ** k), name=f"{k}.png") for k in range(5)]
     truth = ball(subdivisions=FINE)
-    scene, masks = scene_of(views, truth)
-    silhouettes = silhouette_masks(scene, masks, range(5), 1)
+    masks = scene_of(views, truth)[1]
+    silhouettes = silhouette_masks(masks, range(5), 1)
     pixel = ground_pixels(truth, views)
     x, y, z = truth.vertices.T
     dents = 0.5 * np.sin(8 * y) * np.sin(8 * z + 2 * x) * pixel

@@ -28,14 +28,14 @@ class Disk:
 
 
 def test_what_was_used_last_is_kept_and_the_oldest_goes(files: Path) -> None:
-    disk, cache = Disk(), PhotoCache(room=900)
+    disk, cache = Disk(), PhotoCache(capacity=900)
     for name in ("1", "2", "3", "1", "4", "1", "2"):
         assert cache.get(files / name, disk.read)[0, 0, 0] == int(name)
     assert disk.read_paths == ["1", "2", "3", "4", "2"]  # 2 had to go for 4, because 1 was used again
 
 
 def test_a_photo_larger_than_the_room_is_read_every_time(files: Path) -> None:
-    disk, cache = Disk(), PhotoCache(room=100)
+    disk, cache = Disk(), PhotoCache(capacity=100)
     for _ in range(2):
         cache.get(files / "7", disk.read)
     assert disk.read_paths == ["7", "7"]
@@ -59,7 +59,7 @@ def test_a_failure_is_not_kept(files: Path) -> None:
 
 
 def test_many_threads_stay_within_the_room(files: Path) -> None:
-    disk, cache = Disk(), PhotoCache(room=1500)
+    disk, cache = Disk(), PhotoCache(capacity=1500)
     with ThreadPoolExecutor(4) as pool:
         for name, photo in zip(
             range(200), pool.map(lambda n: cache.get(files / str(n % 9), disk.read), range(200)), strict=True

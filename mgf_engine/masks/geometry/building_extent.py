@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plan import GroundPlan, GroundPlanOptions
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.geometry.point_surface import Columns, Map, SurfaceOptions, make_surface
@@ -89,7 +89,7 @@ class BuildingExtent:
         scene: Scene,
         shape: PointFeatures,
         keep: Map,
-        ground: Ground | None,
+        ground: GroundPlane | None,
         visibility: PointVisibility,
         others: Map | None = None,
         options: ExtentOptions = ExtentOptions(),
@@ -204,12 +204,12 @@ def map_size(view: View) -> tuple[int, int]:
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
 
 
-def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> Ground | None:
+def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> GroundPlane | None:
     """Return the level plane through the lowest kept points: no part of the building is seen below it."""
     if keep.sum() < 10:
         return None
     level = float(np.percentile(scene.points[keep] @ shape.up, 0.5))
-    return Ground(shape.up, level, float(np.median(shape.spacing[keep])))
+    return GroundPlane(shape.up, level, float(np.median(shape.spacing[keep])))
 
 
 def _convex_hull(mask: Map, share: float) -> Map:

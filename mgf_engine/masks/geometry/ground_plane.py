@@ -27,7 +27,7 @@ class GroundPlaneOptions:
 
 
 @dataclass(frozen=True)
-class Ground:
+class GroundPlane:
     """``normal @ x = level`` with normal [3] pointing up, and how thick the layer of its points is."""
 
     normal: NDArray[np.float64]
@@ -68,7 +68,7 @@ def find_ground(
     outside: NDArray[np.floating],
     seed: int,
     options: GroundPlaneOptions = GroundPlaneOptions(),
-) -> Ground | None:
+) -> GroundPlane | None:
     """Find the plane most points agree on that lies below the cameras and nearly all points, or None.
 
     Args:
@@ -146,7 +146,7 @@ def _refit(
     weight: NDArray[np.float64],
     thickness: float,
     options: GroundPlaneOptions,
-) -> Ground:
+) -> GroundPlane:
     normal, level = plane
     for _ in range(3):
         near = (np.abs(points @ normal - level) < thickness) & (weight > 0.05)
@@ -159,4 +159,4 @@ def _refit(
         normal, level = fitted, float(fitted @ centre)
     near = (np.abs(points @ normal - level) < thickness) & (weight > 0.05)
     spread = 1.4826 * float(np.median(np.abs(points[near] @ normal - level)))
-    return Ground(normal, level, float(np.clip(3 * spread, 0.3 * thickness, thickness)))
+    return GroundPlane(normal, level, float(np.clip(3 * spread, 0.3 * thickness, thickness)))

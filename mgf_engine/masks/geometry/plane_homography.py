@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.model.scene import View
 
 
-def homography(view: View, other: View, ground: Ground) -> NDArray[np.float64]:
+def homography(view: View, other: View, ground: GroundPlane) -> NDArray[np.float64]:
     """Return the homography [3, 3], pixel indices of ``view`` -> those of ``other``, for what lies on the plane; w > 0
     before the camera."""
     turn = other.rotation @ view.rotation.T

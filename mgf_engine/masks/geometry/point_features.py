@@ -8,11 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.geometry.plan_grid import PlanGrid
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.gravity import horizontal_axes, up_from_cameras
@@ -159,9 +158,7 @@ def clicked_groups(
     cells, which = np.unique(np.floor(points[rows] / cell).astype(np.int64), axis=0, return_inverse=True)
     tree = cKDTree(cells)
     pairs = tree.query_pairs(1.8, output_type="ndarray")  # the 26 cells around
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(cells), len(cells)))
-    _, group = connected_components(links, directed=False)
-    group = group[which.ravel()]
+    group = label_components(len(cells), *pairs.T)[which.ravel()]
     result = np.zeros(len(points), bool)
     result[rows] = np.isin(group, group[np.isin(rows, clicked)])
     return result

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.image_ops import disc
@@ -112,7 +112,7 @@ class Columns:
     """
 
     overhangs: Overhangs
-    ground: Ground | None
+    ground: GroundPlane | None
 
 
 def make_surface(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.boxes import percentile_box
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
@@ -70,7 +70,7 @@ class Silhouette:
 def silhouette_odds(
     silhouettes: Sequence[Silhouette],
     points: NDArray[np.float64],
-    ground: Ground | None,
+    ground: GroundPlane | None,
     threads: int = 1,
     o: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions(),
 ) -> list[NDArray[np.float64]]:
@@ -106,7 +106,7 @@ def silhouette_odds(
 
 
 def _cells(
-    points: NDArray[np.float64], ground: Ground | None, o: SilhouetteConsistencyOptions
+    points: NDArray[np.float64], ground: GroundPlane | None, o: SilhouetteConsistencyOptions
 ) -> tuple[NDArray[np.float64], float]:
     """Return the centres [N, 3] of the box's cells above the ground, and their size."""
     low, high = percentile_box(points, o.percentiles, o.padding)

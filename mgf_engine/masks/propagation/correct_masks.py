@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.points import observed_pixels
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
@@ -73,7 +73,7 @@ class MaskCorrection:
         graph: regions and points of the scene, their sky and plants.
         labels: label maps of all photos, uint8 [H, W] each.
         prompts: clicks that count, by view index.
-        all_prompts: all clicks; those on thin structures are doubted, since regions are too coarse for them.
+        all_prompts: all clicks; those on thin structures count as outliers, since regions are too coarse for them.
         plane: the ground; None where there is none.
         config: of the job.
         reporter: for progress and the request to cancel.
@@ -85,7 +85,7 @@ class MaskCorrection:
         labels: Sequence[NDArray[np.uint8]],
         prompts: Prompts,
         all_prompts: Prompts,
-        plane: Ground | None,
+        plane: GroundPlane | None,
         config: Config,
         reporter: Reporter,
     ) -> None:
@@ -122,7 +122,7 @@ class MaskCorrection:
             )  # fmt: skip
         return None if thin is None else thin.explained
 
-    def _ground_finder(self, plane: Ground) -> GroundFinder:
+    def _ground_finder(self, plane: GroundPlane) -> GroundFinder:
         photos = LabPhotos(self.scene)
         mirrors = MirrorTest(photos, plane, self.labels, self.config.algorithm(MirroredGroundOptions))
         return GroundFinder(photos, plane, self.config.algorithm(GroundHomographyOptions), mirrors.confirmed)

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions, ViewRegions
 from mgf_engine.masks.geometry.floaters import sky_behind
-from mgf_engine.masks.geometry.ground_plane import Ground, find_ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane, find_ground
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
@@ -45,7 +45,7 @@ class GeometricEvidence:
     odds: Array
     grounded: NDArray[np.bool_]
     over: NDArray[np.bool_]
-    ground: Ground | None
+    ground: GroundPlane | None
 
     @classmethod
     def nothing(cls, nodes: int) -> GeometricEvidence:
@@ -122,7 +122,7 @@ class GeometricOdds:
         point_odds += own.within_odds * share * ~point_grounded
         return evidence
 
-    def _rate_ground(self, ground: Ground | None) -> tuple[Array, Array]:
+    def _rate_ground(self, ground: GroundPlane | None) -> tuple[Array, Array]:
         """Rate how far each sparse point and each added one is ground, 0..1; 0 where there is none."""
         graph = self.graph
         if ground is None:
@@ -157,7 +157,7 @@ class GeometricOdds:
             result[part] = values
         return result
 
-    def _find_ground(self, points: Array, prompts: Prompts, seed: int) -> Ground | None:
+    def _find_ground(self, points: Array, prompts: Prompts, seed: int) -> GroundPlane | None:
         """Find the ground plane, by the probability of "building" of the points [P]; None if the clicks count it in.
 
         Such a plane is a plinth that the building stands on, as far as anybody said: no evidence against it.
@@ -202,7 +202,7 @@ class GeometricOdds:
         seen = self.visibility.owner[self.graph.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
 
-    def extent(self, keep: NDArray[np.bool_], ground: Ground | None, prompts: Prompts) -> BuildingExtent:
+    def extent(self, keep: NDArray[np.bool_], ground: GroundPlane | None, prompts: Prompts) -> BuildingExtent:
         """Return the extent of the building.
 
         Args:
@@ -213,7 +213,7 @@ class GeometricOdds:
         return self._extent(keep & ~self.floaters(prompts), ground)
 
     def _extent(
-        self, keep: NDArray[np.bool_], ground: Ground | None, others: NDArray[np.bool_] | None = None
+        self, keep: NDArray[np.bool_], ground: GroundPlane | None, others: NDArray[np.bool_] | None = None
     ) -> BuildingExtent:
         """Return the extent of the building by its points, with ``others`` [P] of things beside it on the ground."""
         if others is not None:

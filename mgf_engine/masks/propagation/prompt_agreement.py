@@ -40,7 +40,7 @@ class PromptAgreementOptions:
 
 
 def drop_confirmed(
-    doubts: list[OutlierPrompt],
+    outliers: list[OutlierPrompt],
     scene: Scene,
     prompts: Prompts,
     options: PromptAgreementOptions = PromptAgreementOptions(),
@@ -51,32 +51,32 @@ def drop_confirmed(
     building.
 
     Args:
-        doubts: clicks that cross-validation found wrong.
+        outliers: clicks that cross-validation found wrong.
         scene: tracks of the sparse points.
         prompts: all clicks, by view index.
         options: distances.
     """
-    doubted = {(d.view, d.row) for d in doubts if d.positive}
-    if not doubted:
-        return doubts
+    on_building = {(click.view, click.row) for click in outliers if click.positive}
+    if not on_building:
+        return outliers
     places = {
         (i, row): _distance(scene, i, uv, options)
         for i, clicks in prompts.items()
         for row, uv in enumerate(clicks.positive)
     }
-    seconds: dict[_Click, set[int]] = {click: set() for click in doubted}
+    seconds: dict[_Click, set[int]] = {click: set() for click in on_building}
     for first, second in combinations(places, 2):
-        if first[0] == second[0] or not {first, second} & doubted:
+        if first[0] == second[0] or not {first, second} & on_building:
             continue
-        both = {first, second} <= doubted
+        both = {first, second} <= on_building
         if _same_thing(scene, prompts, first, second, None if both else places, options):
             for click, other in ((first, second), (second, first)):
                 seconds.get(click, set()).add(other[0])
     kept = []
-    for doubt in doubts:
-        needed = 2 if clicked_elsewhere(doubt.view, doubts, prompts) else 1
-        if not doubt.positive or len(seconds[doubt.view, doubt.row]) < needed:
-            kept.append(doubt)
+    for outlier in outliers:
+        needed = 2 if clicked_elsewhere(outlier.view, outliers, prompts) else 1
+        if not outlier.positive or len(seconds[outlier.view, outlier.row]) < needed:
+            kept.append(outlier)
     return kept
 
 

@@ -70,15 +70,15 @@ def find_outlier_prompts(
     return found
 
 
-def ignored_outliers(doubts: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPrompt]:
+def ignored_outliers(outliers: list[OutlierPrompt], prompts: Prompts) -> list[OutlierPrompt]:
     """Return the outliers that are not used: those on the building, and all in photos of another building."""
-    elsewhere = {d.view for d in doubts if clicked_elsewhere(d.view, doubts, prompts)}
-    return [d for d in doubts if d.positive or d.view in elsewhere]
+    elsewhere = {click.view for click in outliers if clicked_elsewhere(click.view, outliers, prompts)}
+    return [click for click in outliers if click.positive or click.view in elsewhere]
 
 
-def clicked_elsewhere(view: int, doubts: list[OutlierPrompt], prompts: Prompts) -> bool:
-    """Tell whether all clicks on the building in a photo are doubted."""
-    return sum(d.positive for d in doubts if d.view == view) == len(prompts[view].positive) > 0
+def clicked_elsewhere(view: int, outliers: list[OutlierPrompt], prompts: Prompts) -> bool:
+    """Tell whether all clicks on the building in a photo are outliers."""
+    return sum(click.positive for click in outliers if click.view == view) == len(prompts[view].positive) > 0
 
 
 def on_points(graph: LabelGraph, index: int, clicks: Clicks) -> bool:
@@ -88,13 +88,13 @@ def on_points(graph: LabelGraph, index: int, clicks: Clicks) -> bool:
     return bool(2 * held.sum() >= len(held))
 
 
-def _original_row(doubt: OutlierPrompt, prompts: Prompts, kept: Prompts) -> OutlierPrompt:
-    """Return the doubt with its row among all clicks, not only those still tested."""
-    before, after = prompts[doubt.view], kept[doubt.view]
-    all_clicks = before.positive if doubt.positive else before.negative
-    click = (after.positive if doubt.positive else after.negative)[doubt.row]
+def _original_row(outlier: OutlierPrompt, prompts: Prompts, kept: Prompts) -> OutlierPrompt:
+    """Return the outlier with its row among all clicks, not only those still tested."""
+    before, after = prompts[outlier.view], kept[outlier.view]
+    all_clicks = before.positive if outlier.positive else before.negative
+    click = (after.positive if outlier.positive else after.negative)[outlier.row]
     row = int(np.flatnonzero((all_clicks == click).all(1))[0])
-    return OutlierPrompt(doubt.view, doubt.positive, row, doubt.probability)
+    return OutlierPrompt(outlier.view, outlier.positive, row, outlier.probability)
 
 
 def _one_pass(
@@ -111,18 +111,18 @@ def _one_pass(
         if not any(len(c.positive) for c in others.values()):
             return []
         probability = walker.solve(others, seed, o.rounds, clicked if clicked_alone else None)
-        return [doubt for i in held for doubt in _against(walker.graph, probability.regions[i], i, prompts[i], o)]
+        return [outlier for i in held for outlier in _against(walker.graph, probability.regions[i], i, prompts[i], o)]
 
-    return [doubt for doubts in parallel_map(against, range(count), walker.graph.threads) for doubt in doubts]
+    return [outlier for found in parallel_map(against, range(count), walker.graph.threads) for outlier in found]
 
 
-def without_outliers(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:
-    """Return the prompts less the doubted clicks."""
+def without_outliers(prompts: Prompts, outliers: list[OutlierPrompt]) -> Prompts:
+    """Return the prompts without the outliers."""
     result = dict(prompts)
-    for index in {d.view for d in doubts}:
+    for index in {click.view for click in outliers}:
         clicks, kept = prompts[index], []
         for positive, points in ((True, clicks.positive), (False, clicks.negative)):
-            drop = [d.row for d in doubts if d.view == index and d.positive == positive]
+            drop = [click.row for click in outliers if click.view == index and click.positive == positive]
             kept.append(np.delete(points, drop, axis=0))
         result[index] = Clicks(kept[0], kept[1], clicks.parts)
     return result
@@ -131,7 +131,7 @@ def without_outliers(prompts: Prompts, doubts: list[OutlierPrompt]) -> Prompts:
 def _against(
     graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks, o: PromptOutlierOptions
 ) -> list[OutlierPrompt]:
-    doubts = []
+    outliers = []
     around = np.array([[0, 0], [10, 0], [-10, 0], [0, 10], [0, -10]])
     for positive, points in ((True, clicks.positive), (False, clicks.negative)):
         for row, click in enumerate(points):
@@ -139,5 +139,5 @@ def _against(
             here = regions[graph.regions[index].at(click + around)]
             probability = float(here.max() if positive else here.min())
             if (probability < o.certain) if positive else (probability > 1 - o.certain):
-                doubts.append(OutlierPrompt(index, positive, row, probability))
-    return doubts
+                outliers.append(OutlierPrompt(index, positive, row, probability))
+    return outliers

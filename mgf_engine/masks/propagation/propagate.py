@@ -118,7 +118,7 @@ class _Propagator:
             self.config.algorithm(SkyOptions),
         )  # fmt: skip
         self.walker = LabelPropagation(self.graph, self.config.algorithm(ExtentOptions))
-        doubts = self._drop_outlier_prompts()
+        outliers = self._drop_outlier_prompts()
         self.probability = self.walker.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
         roots = [i for i in self.views if i in self.prompts]
@@ -128,20 +128,20 @@ class _Propagator:
         children = [i for i in self.views if i not in self.prompts]
         self._draw(children, accepted, 0.5 + 0.35 * len(roots) / len(self.views))
         disagreement = self._second_vote()
-        return self._finish(disagreement, doubts)
+        return self._finish(disagreement, outliers)
 
     def _drop_outlier_prompts(self) -> list[OutlierPrompt]:
         """Leave out clicks that the other photos contradict; return all outliers, also those that are used."""
         found = find_outlier_prompts(
             self.walker, self.prompts, self.config.seed, self.config.algorithm(PromptOutlierOptions)
         )
-        doubts = drop_confirmed(found, self.scene, self.prompts, self.config.algorithm(PromptAgreementOptions))
-        self.confirmed = [d for d in found if d not in doubts]
-        kept = without_outliers(self.prompts, ignored_outliers(doubts, self.prompts))
+        outliers = drop_confirmed(found, self.scene, self.prompts, self.config.algorithm(PromptAgreementOptions))
+        self.confirmed = [click for click in found if click not in outliers]
+        kept = without_outliers(self.prompts, ignored_outliers(outliers, self.prompts))
         self.original = self.prompts
         if any(len(c.positive) for c in kept.values()):
             self.prompts = kept
-        return doubts
+        return outliers
 
     def _draw(self, indices: list[int], accepted: NDArray[np.bool_], done: float) -> None:
         """Draw the masks of some views, prompted again where they agree badly."""
@@ -214,7 +214,7 @@ class _Propagator:
         differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != IGNORE)
         return float(differ.sum() / max(1, sure.sum())), accepted
 
-    def _finish(self, disagreement: NDArray[np.float64], doubts: list[OutlierPrompt]) -> Propagation:
+    def _finish(self, disagreement: NDArray[np.float64], outliers: list[OutlierPrompt]) -> Propagation:
         flags = self.config.algorithm(FlagOptions)
         reasons = [
             flag_reason(self.labels[i], float(self.scores[i]), float(disagreement[i]), flags) for i in self.views
@@ -228,7 +228,9 @@ class _Propagator:
             explained = self._correct(accepted, voters)
             if explained is not None:
                 point_mask = self._accepted(self.scene, voters)
-                doubts = [d for d in doubts if not (d.positive and (d.view, d.row) in explained)]
+                outliers = [
+                    click for click in outliers if not (click.positive and (click.view, click.row) in explained)
+                ]
         clicks = tuple(self._positive(i).astype(np.float32) for i in self.views)
         if self.vote_options.voters != "all":
             clicked = [i for i in self.views if len(clicks[i])]
@@ -237,7 +239,7 @@ class _Propagator:
         return Propagation(
             masks,
             reasons,
-            self._prompt_messages(doubts),
+            self._prompt_messages(outliers),
             measure_consistency(self.scene, masks, self.vote_options.dilation),
         )
 
@@ -249,9 +251,9 @@ class _Propagator:
         extent = self.walker.geometry.extent(accepted, self.probability.ground, self.prompts)
         return correction.run(extent, accepted[: len(self.scene.points)], voters)
 
-    def _prompt_messages(self, doubts: list[OutlierPrompt]) -> list[str]:
+    def _prompt_messages(self, outliers: list[OutlierPrompt]) -> list[str]:
         messages = PromptMessages(self.graph, self.original, self.labels)
-        return messages.sentences(doubts, self.confirmed, ignored=self.prompts is not self.original)
+        return messages.sentences(outliers, self.confirmed, ignored=self.prompts is not self.original)
 
     def _judge_by_clicks(self, reasons: list[str]) -> list[str]:
         """Replace flags that rest on too few points: test those masks by clicks and the other masks instead."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import FEATURE_SCALE, Mixture, fit_mixture, log_ratio
 from mgf_engine.masks.propagation.geometric_odds import GeometricEvidence, GeometricOdds
@@ -40,7 +40,7 @@ class BuildingProbability:
     regions: tuple[NDArray[np.float32], ...]  # V arrays [S_v]
     points: NDArray[np.float32]  # [P]
     appearance: tuple[NDArray[np.float32], ...]  # V arrays [S_v], the part of colour and texture alone
-    ground: Ground | None  # that the building stands on; None where there is none or the clicks count it in
+    ground: GroundPlane | None  # that the building stands on; None where there is none or the clicks count it in
 
 
 class LabelPropagation:
@@ -135,7 +135,7 @@ class LabelPropagation:
         ]
         return np.clip(np.concatenate(ratios) / 2, -self.options.appearance_limit, self.options.appearance_limit)
 
-    def _split(self, probability: Array, appearance: Array, ground: Ground | None) -> BuildingProbability:
+    def _split(self, probability: Array, appearance: Array, ground: GroundPlane | None) -> BuildingProbability:
         cut = [slice(self.graph.start[k], self.graph.start[k + 1]) for k in range(len(self.graph.regions))]
         return BuildingProbability(
             tuple(probability[c].astype(np.float32) for c in cut),

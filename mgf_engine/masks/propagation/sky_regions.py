@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.image_ops import distance, enlarge, grow, masked_mean, shrink
 from mgf_engine.masks.propagation.superpixels import Regions
 
@@ -176,9 +175,7 @@ def _with_rim(regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64
 
 def _pieces(regions: Regions, step: float, o: SkyOptions) -> NDArray[np.int64]:
     """Smooth regions joined where no edge runs between them: number of the piece, [S]."""
-    count = len(regions.area)
     smooth = regions.features[:, 3] <= o.smooth
     a, b = regions.pairs.T
     open_ = (regions.contrast <= step) & smooth[a] & smooth[b]
-    links = coo_matrix((np.ones(int(open_.sum())), (a[open_], b[open_])), shape=(count, count))
-    return connected_components(links, directed=False)[1].astype(np.int64)
+    return label_components(len(regions.area), a[open_], b[open_]).astype(np.int64)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography, spans_inside
 from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
@@ -107,7 +107,7 @@ class GroundFinder:
     def __init__(
         self,
         photos: LabPhotos,
-        ground: Ground,
+        ground: GroundPlane,
         options: GroundHomographyOptions = GroundHomographyOptions(),
         confirmed: Callable[[int, NDArray[np.bool_]], NDArray[np.bool_]] = lambda index, found: found,
     ) -> None:
@@ -193,13 +193,13 @@ class GroundFinder:
         for row, pixels in enumerate(self.options.raised):
             # Raised by h, the plane comes nearer by h / over of the depth; seen from aside that is a parallax.
             raised = pixels * over * depth / (view.fx * float(aside))
-            plane = Ground(self.ground.normal, self.ground.level + raised, self.ground.thickness)
+            plane = GroundPlane(self.ground.normal, self.ground.level + raised, self.ground.thickness)
             lights, seen = self._warp(index, others, self.photos.lightness, box, plane)
             result[row] = patches.correlate(lights, seen, _counting(len(others), self.options))
         return result
 
     def _warp(
-        self, index: int, others: list[int], picture: Callable[[int], NDArray[np.uint8]], box: _Box, ground: Ground
+        self, index: int, others: list[int], picture: Callable[[int], NDArray[np.uint8]], box: _Box, ground: GroundPlane
     ) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
         """Return other photos, or what was made of them [H, W] or [H, W, 3], as the plane puts them into the box.
 

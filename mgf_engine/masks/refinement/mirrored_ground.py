@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.model.masks import BACKGROUND
@@ -62,7 +62,7 @@ class MirrorTest:
     def __init__(
         self,
         photos: LabPhotos,
-        ground: Ground,
+        ground: GroundPlane,
         labels: Sequence[NDArray[np.uint8]],
         options: MirroredGroundOptions = MirroredGroundOptions(),
     ) -> None:

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.geometry.components import label_components
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.image_ops import distance
 from mgf_engine.model.scene import View
 
@@ -148,15 +147,13 @@ class SilhouetteHull:
             hit = np.flatnonzero(ranked[at] == wanted)
             first.append(hit)
             second.append(order[at[hit]])
-        a, b = np.concatenate(first), np.concatenate(second)
-        links = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
-        return connected_components(links, directed=False)[1].astype(np.int64)
+        return label_components(count, np.concatenate(first), np.concatenate(second)).astype(np.int64)
 
     def where(self, keep: NDArray[np.bool_]) -> SilhouetteHull:
         """Return the cells that are kept, [N] bool."""
         return SilhouetteHull(self.places[keep], self.corner, self.side)
 
-    def standing(self, ground: Ground, options: SilhouetteOptions = SilhouetteOptions()) -> SilhouetteHull:
+    def standing(self, ground: GroundPlane, options: SilhouetteOptions = SilhouetteOptions()) -> SilhouetteHull:
         """Return the hull with columns from its lowest cells to the ground, which no photo shows against the sky."""
         height = ground.height(self.centres)
         lowest = height < np.quantile(height, options.feet)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
@@ -62,7 +62,7 @@ class SceneContext:
     scene: Scene
     accepted: NDArray[np.bool_]
     up: NDArray[np.float64]
-    ground: Ground | None
+    ground: GroundPlane | None
     sky: Callable[[int], NDArray[np.bool_]]
     leafy: Callable[[int], NDArray[np.float32]]
 
@@ -105,7 +105,7 @@ def find_thin_structures(
 
     Args:
         known: scene, points of the building, sky and plants.
-        prompts: all clicks, doubted ones too.
+        prompts: all clicks, outliers too.
         labels: per view uint8 [H, W], as drawn so far.
         options: of the search.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Calls the CUDA kernels in order (project, sort, list, blend, and back), as :mod:`mgf_engine.raster.cpu` does in C."""
+"""Launch the CUDA kernels in order (project, sort, bin, blend, and back), as :mod:`mgf_engine.raster.cpu` does in C."""
 
 from __future__ import annotations
 
@@ -10,8 +10,17 @@ from torch import Tensor
 
 from mgf_engine.native.cuda.launcher import Launcher, blocks
 from mgf_engine.raster.camera import TILE, Camera
-from mgf_engine.raster.cpu import PLANES, PLANES_BASIC, RECORD, SUMS, OutputGradients, Parameters
-from mgf_engine.raster.cuda.tile_list_capacity import MOST, TileListCapacity
+from mgf_engine.raster.cpu import (
+    MAX_ENTRIES,
+    PLANES,
+    PLANES_BASIC,
+    RECORD,
+    SUMS,
+    OutputGradients,
+    Parameters,
+    check_entries,
+)
+from mgf_engine.raster.cuda.tile_list_capacity import TileListCapacity
 
 _RUN = 1024  # items of a block of the sort, csrc/cuda/sort.cu
 _DIGITS = 256
@@ -25,11 +34,11 @@ class TileLists:
     Attributes:
         records: float32 [N, 32], layout in ``csrc/raster/records.h``; rows with ``tile_counts == 0`` are undefined.
         tile_counts: int32 [N], number of listed tiles each Gaussian touches; 0 where it is not drawn.
-        gid: int32 [room], Gaussian of every list entry; tile t's list is ``gid[ranges[t]:ranges[t + 1]]``.
-        slots: int32 [room], place of every entry in the order by Gaussian.
+        gid: int32 [capacity], Gaussian of every list entry; tile t's list is ``gid[ranges[t]:ranges[t + 1]]``.
+        slots: int32 [capacity], place of every entry in the order by Gaussian.
         slot_starts: int32 [N], first slot of each Gaussian.
         ranges: int32 [tiles_x * tiles_y + 1].
-        hits: uint8 [room], per slot the warps of the tile in which it was blended.
+        hits: uint8 [capacity], per slot the warps of the tile in which the entry was blended.
         tiles_x, tiles_y: tiles of 16 x 16 pixels; tile t is at column t % tiles_x, row t // tiles_x.
         camera: the packed camera.
     """
@@ -57,7 +66,14 @@ class TileLists:
 
 @dataclass
 class Projection:
-    """Projected Gaussians before they are listed; arrays as in :class:`TileLists`."""
+    """Projected Gaussians before they are listed; ``records``, tiles and camera as in :class:`TileLists`.
+
+    Attributes:
+        footprints: int32 [N, 8], tiles that each Gaussian touches, struct Footprint of ``csrc/raster/footprint.h``.
+        tile_counts: int32 [N], their number among the wanted tiles.
+        depth_keys: int32 [N], depth as an unsigned integer that sorts alike.
+        mask: uint8 [tiles_y, tiles_x], tiles that are wanted; None for all.
+    """
 
     records: Tensor
     footprints: Tensor
@@ -73,7 +89,8 @@ class Rasterizer:
     """The rasterizer on one launcher's device.
 
     Attributes:
-        room: how long lists are believed to get, for renderings that do not wait.
+        launcher: starts the kernels.
+        capacity: predicts the length of the lists, for renderings that do not wait for it.
     """
 
     def __init__(self, launcher: Launcher) -> None:
@@ -92,7 +109,7 @@ class Rasterizer:
             camera: of the picture.
             sh_degree: of the colours.
             tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
-            wait: for the number of entries, so that the lists have just the room they need.
+            wait: for the number of entries, so that the lists have just the capacity they need.
         """
         return self.bin_tiles(self.project(raw, camera, sh_degree, tile_mask), wait)
 
@@ -124,7 +141,7 @@ class Rasterizer:
     def sort(
         self, keys: Tensor, values: Tensor | None, bits: int, listed: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """Return keys and values by the lowest ``bits`` of the keys, stably.
+        """Sort keys and values by the lowest ``bits`` of the keys, stably.
 
         Args:
             keys: int32 [n], read as unsigned.
@@ -151,24 +168,25 @@ class Rasterizer:
         _, order = self.sort(seen.depth_keys, None, 32)
         sums, total = self.empty(torch.int32, blocks(n)), self.empty(torch.int32, 2)
         self.launcher.launch("list_sums", blocks(n), n, order, seen.tile_counts, sums)
-        room = 0 if wait else self.capacity.take(n, tiles)
-        self.launcher.launch("list_offsets", 1, blocks(n), room or MOST, sums, total)
-        if room:
-            self.capacity.learn_later(self.launcher.read_later(total), room, n, tiles)
+        capacity = 0 if wait else self.capacity.take(n, tiles)
+        self.launcher.launch("list_offsets", 1, blocks(n), capacity or MAX_ENTRIES, sums, total)
+        if capacity:
+            self.capacity.learn_later(self.launcher.read_later(total), capacity, n, tiles)
         else:
-            room = _needed(total)
+            capacity = int(total[0])  # waits
+            check_entries(capacity)
             if not wait:  # what is rendered between iterations shall not change them
-                self.capacity.learn(room, n, tiles)
+                self.capacity.learn(capacity, n, tiles)
         slot_starts, ranges = self.empty(torch.int32, n), self.empty(torch.int32, tiles + 1)
-        slot_tiles, slot_gid, gid = (self.empty(torch.int32, room) for _ in range(3))
-        hits = self.empty(torch.uint8, room)
+        slot_tiles, slot_gid, gid = (self.empty(torch.int32, capacity) for _ in range(3))
+        hits = self.empty(torch.uint8, capacity)
         fill = (n, order, seen.footprints, seen.mask, seen.tiles_x, seen.tiles_y, sums, total)
         outputs = (seen.tile_counts, slot_starts, slot_tiles, slot_gid, hits)
         self.launcher.launch("list_fill", blocks(n), *fill, *outputs)
         # Tiles are numbered up to `tiles`, which stands for slots that are left over (lists.cu).
         sorted_tiles, slots = self.sort(slot_tiles, None, tiles.bit_length(), total[1:])
-        given = (room, tiles, total, sorted_tiles, slots, slot_gid)
-        self.launcher.launch("list_ranges", blocks(room + 1), *given, ranges, gid)
+        given = (capacity, tiles, total, sorted_tiles, slots, slot_gid)
+        self.launcher.launch("list_ranges", blocks(capacity + 1), *given, ranges, gid)
         found = (seen.records, seen.tile_counts, gid, slots, slot_starts, ranges, hits)
         return TileLists(*found, seen.tiles_x, seen.tiles_y, seen.camera)
 
@@ -198,8 +216,8 @@ class Rasterizer:
             raw: parameters of the Gaussians, ready for the kernels.
             sh_degree: of the colours.
             lists: what each tile was drawn from.
-            image: what was drawn.
-            hits: per pixel, after which entry of its list drawing ended.
+            image: as :meth:`blend` returned it.
+            hits: as :meth:`blend` returned them.
             gradients: of the loss by each output.
             error_map: float32 [H, W], per-pixel error that statistics gather; None for zero.
             statistics: to add to, or none.
@@ -216,15 +234,15 @@ class Rasterizer:
         error_map: Tensor | None,
         stats: bool,
     ) -> Tensor:
-        """Return sums over each tile's pixels for every slot, float32 [room, 24] (``csrc/raster/blend_backward.h``).
+        """Return sums over each tile's pixels per slot, float32 [capacity, 24] (``csrc/raster/blend_backward.h``).
 
         Args:
             lists: what each tile was drawn from.
-            image: what was drawn.
-            hits: per pixel, after which entry of its list drawing ended.
+            image: as :meth:`blend` returned it.
+            hits: as :meth:`blend` returned them.
             gradients: of the loss by each output.
             error_map: float32 [H, W], per-pixel error that statistics gather; None for zero.
-            stats: whether sums for the statistics are wanted, too.
+            stats: whether sums for the statistics are needed, too.
         """
         sums = self.empty(torch.float32, len(hits), SUMS)
         g = gradients
@@ -249,7 +267,7 @@ class Rasterizer:
             raw: parameters of the Gaussians, ready for the kernels.
             sh_degree: of the colours.
             lists: what each tile was drawn from.
-            hits: per pixel, after which entry of its list drawing ended.
+            hits: as :meth:`blend` returned them.
             sums: of :meth:`blend_backward`.
             level: which outputs have gradients: colour, depth as well, or all.
             statistics: to add to, or none.
@@ -261,11 +279,3 @@ class Rasterizer:
         given = (n, lists.camera, *raw.all, sh_degree, *entries)
         self.launcher.launch("project_backward", blocks(n), *given, gradients, statistics or (None,) * 6)
         return gradients
-
-
-def _needed(total: Tensor) -> int:
-    """Wait for the number of entries."""
-    needed = int(total[0])
-    if needed > MOST:
-        raise RuntimeError("The Gaussians touch more tiles than the kernels can list; prune the field.")
-    return needed

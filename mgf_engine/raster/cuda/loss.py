@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from mgf_engine.native.cuda.launcher import At, Launcher, blocks
+from mgf_engine.raster.map_gradients import count_planes, split_planes
 
 if TYPE_CHECKING:
     from mgf_engine.raster.camera import Intrinsics
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 _SIDE = 16  # of a tile, csrc/cuda/loss.cuh, as everything up to _EDGES
 _MAX_LEVELS, _SAVED, _OTHER_SUMS = 5, 4, 6
-_ALPHA, _DISTORTION, _DEPTH, _NORMAL, _PLANES = 3, 4, 5, 6, 9  # planes of the gradient
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class DevicePhoto:
     """What a photo's side of the comparison needs on the device, made once per photo.
 
     Attributes:
-        image, labels, edges, ring: as in :class:`mgf_engine.raster.loss.PhotoSide`.
+        image, labels, edges, background_band: as in :class:`mgf_engine.raster.loss_inputs.PhotoSide`.
         area: int32 [scales, ids], as there.
         shares: float64 [ids], weight of each label; in place of label 0, of the whole building.
         sizes: height and width of the box.
@@ -124,8 +124,7 @@ class DevicePass:
         self.scratch = self._empty(torch.float32, self.levels.scratch)
         self.others = 2 * self.levels.count * self.ids  # where the sums that are not per label begin
         self.sums = torch.zeros(self.others + _OTHER_SUMS, dtype=torch.int64, device=launcher.device)
-        planes = _PLANES if weights.normals > 0 else _DEPTH if weights.distortion > 0 else _DISTORTION
-        self.gradient = torch.zeros(planes, *self.alpha.shape, device=launcher.device)
+        self.gradient = torch.zeros(count_planes(weights), *self.alpha.shape, device=launcher.device)
 
     def run(self, camera: Intrinsics) -> tuple[Tensor, Tensor]:
         """Return the total (a scalar) and the terms [3] (colour, geometry, background); :meth:`gradients` has theirs
@@ -147,11 +146,7 @@ class DevicePass:
 
     def gradients(self) -> list[Tensor]:
         """Return the gradients of the maps, in the order they came."""
-        g = self.gradient
-        found = [g[:_ALPHA], g[_ALPHA]]
-        if self.distortion is not None:
-            found.append(g[_DISTORTION])
-        return [*found, g[_DEPTH], g[_NORMAL:]] if self.depth is not None else found
+        return split_planes(self.gradient, self.weights)
 
     def _empty(self, dtype: torch.dtype, *shape: int) -> Tensor:
         return torch.empty(shape, dtype=dtype, device=self.launcher.device)

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from mgf_engine.raster.cpu import MAX_ENTRIES
+
 _SPARE = 2.0  # times what was needed most
 _KEPT = 0.999  # of that, from one rendering to the next: a photo comes again within some hundred, and half is spare
 _STEP = 1 << 14  # capacities are multiples of it, so that memory of one iteration fits the next
 _AHEAD = 1  # number of last renderings whose results are not used
-MOST = 2**31 - 2  # entries have 32-bit numbers
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class _Asked:
     """A rendering that was started: a function that waits for (entries needed, entries listed), and its capacity."""
 
     answer: Callable[[], Sequence[int]]
-    room: int
+    capacity: int
     gaussians: int
     tiles: int
 
@@ -49,7 +50,7 @@ class TileListCapacity:
     @property
     def lost(self) -> int:
         """Number of renderings so far that drew nothing for lack of capacity; waits for those in progress."""
-        return self._lost + sum(asked.needed > asked.room for asked in self._asked)
+        return self._lost + sum(asked.needed > asked.capacity for asked in self._asked)
 
     def take(self, gaussians: int, tiles: int) -> int:
         """Return the capacity of the lists for a rendering of N Gaussians into T tiles; 0: not known, wait."""
@@ -57,27 +58,27 @@ class TileListCapacity:
         if tiles not in self._per_gaussian:
             return 0
         steps = int(_SPARE * self._per_gaussian[tiles] * gaussians) // _STEP + 1
-        return min(steps * _STEP, MOST)
+        return min(steps * _STEP, MAX_ENTRIES)
 
     def learn(self, needed: int, gaussians: int, tiles: int) -> None:
         """Learn how many entries a rendering of N Gaussians into T tiles needed."""
         before = self._per_gaussian.get(tiles, 0.0)
         self._per_gaussian[tiles] = max(_KEPT * before, needed / max(gaussians, 1))
 
-    def learn_later(self, answer: Callable[[], Sequence[int]], room: int, gaussians: int, tiles: int) -> None:
-        """Learn from a rendering started with ``room``, whose ``answer`` waits for (entries needed, entries listed).
+    def learn_later(self, answer: Callable[[], Sequence[int]], capacity: int, gaussians: int, tiles: int) -> None:
+        """Learn from a rendering that was started, when its result is there.
 
         Args:
             answer: waits for entries needed and entries listed.
-            room: capacity that the rendering was given, entries.
+            capacity: of its lists, entries.
             gaussians: their number.
             tiles: their number.
         """
-        self._asked.append(_Asked(answer, room, gaussians, tiles))
+        self._asked.append(_Asked(answer, capacity, gaussians, tiles))
 
     def state(self) -> dict[str, Any]:
         """Return all it knows, as plain numbers for a checkpoint; waits for answers that are on their way."""
-        asked = [[a.needed, a.room, a.gaussians, a.tiles] for a in self._asked]
+        asked = [[a.needed, a.capacity, a.gaussians, a.tiles] for a in self._asked]
         return {"per_gaussian": list(map(list, self._per_gaussian.items())), "asked": asked, "lost": self._lost}
 
     def restore(self, state: dict[str, Any] | None = None) -> None:
@@ -89,7 +90,8 @@ class TileListCapacity:
         found = state or {"per_gaussian": [], "asked": [], "lost": 0}
         most = {int(tiles): float(entries) for tiles, entries in found["per_gaussian"]}
         asked = [[int(number) for number in numbers] for numbers in found["asked"]]
-        if not all(0 <= entries <= MOST for entries in most.values()) or any(len(numbers) != 4 for numbers in asked):
+        possible = all(0 <= entries <= MAX_ENTRIES for entries in most.values())
+        if not possible or any(len(numbers) != 4 for numbers in asked):
             raise ValueError("no state of a tile-list capacity")
         self._lost, self._per_gaussian = int(found["lost"]), most
         self._asked = [_Asked(partial(tuple, numbers[:1]), *numbers[1:]) for numbers in asked]
@@ -102,5 +104,5 @@ class TileListCapacity:
         """
         while len(self._asked) > _AHEAD:
             first = self._asked.pop(0)
-            self._lost += first.needed > first.room
+            self._lost += first.needed > first.capacity
             self.learn(first.needed, first.gaussians, first.tiles)

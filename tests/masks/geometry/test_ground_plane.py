@@ -8,7 +8,7 @@ import pytest
 from support.analytic import camera
 from support.small_scene import make_scene, view
 
-from mgf_engine.masks.geometry.ground_plane import Ground, GroundPlaneOptions, find_ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane, GroundPlaneOptions, find_ground
 from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.model.scene import Scene
 
@@ -38,7 +38,7 @@ def test_a_lawn_is_the_ground_and_points_on_it_are_rated() -> None:
     made = scene(points, 1.6)
     shape = measure_point_features(made)
     found = find_ground(made, shape, np.ones(len(points)), 0)
-    assert isinstance(found, Ground) and found.normal @ [0, 0, 1.0] > 0.999
+    assert isinstance(found, GroundPlane) and found.normal @ [0, 0, 1.0] > 0.999
     assert np.abs(found.height(np.array([[1.0, 2.0, 0.0], [0, 0, 2.0]])) - [0, 2]).max() < 0.05
 
 
@@ -58,7 +58,7 @@ def test_steep_planes_and_few_points_are_none() -> None:
 
 
 def test_depth_of_the_ground_is_that_of_its_points() -> None:
-    ground, above = Ground(np.array([0.0, 0.0, 1.0]), 0.5, 0.01), camera((4.0, 1.0, 3.0))
+    ground, above = GroundPlane(np.array([0.0, 0.0, 1.0]), 0.5, 0.01), camera((4.0, 1.0, 3.0))
     uv, wanted = above.project(np.array([[0.2, 0.5, 0.5], [-1.0, 0.3, 0.5]]))
     for scale in (1, 2):  # a map of half the photo's size has the same depths
         depth = ground.depth(above, above.height // scale, above.width // scale)
@@ -67,7 +67,7 @@ def test_depth_of_the_ground_is_that_of_its_points() -> None:
 
 
 def test_rays_over_the_horizon_never_meet_the_ground() -> None:
-    ground, level = Ground(np.array([0.0, 0.0, 1.0]), 0.0, 0.01), camera((4.0, 1.0, 3.0), target=(0.0, 0.0, 3.0))
+    ground, level = GroundPlane(np.array([0.0, 0.0, 1.0]), 0.0, 0.01), camera((4.0, 1.0, 3.0), target=(0.0, 0.0, 3.0))
     depth = ground.depth(level, level.height, level.width)
     assert np.isinf(depth[: level.height // 2]).all()
     assert np.isfinite(depth[level.height // 2 :]).all()

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from support.analytic import camera
 
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography, spans_inside
 
-GROUND = Ground(np.array([0.0, 0.0, 1.0]), 0.25, 0.01)
+GROUND = GroundPlane(np.array([0.0, 0.0, 1.0]), 0.25, 0.01)
 FIRST, SECOND = camera((3.0, -2.0, 3.0)), camera((1.0, -4.0, 2.0))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.level_camera import camera
 
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.masks.geometry.point_surface import (
@@ -118,7 +118,7 @@ def house(rng: np.random.Generator) -> np.ndarray:
 def columns_below(points: np.ndarray) -> np.ndarray:
     """Where the columns under these points are at half their height, [K, 2]."""
     blank = _scene(points)
-    ground = Ground(np.array([0.0, 0, 1]), 0.0, 0.01)
+    ground = GroundPlane(np.array([0.0, 0, 1]), 0.0, 0.01)
     shape, every = measure_point_features(blank), np.ones(len(points), bool)
     over = Overhangs(points, shape.up, float(np.median(shape.spacing)))
     samples = make_surface(blank, shape, every, discs=False, columns=Columns(over, ground)).samples

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.silhouette_consistency import (
     Silhouette,
     SilhouetteConsistencyOptions,
@@ -68,7 +68,7 @@ def photos() -> list[Silhouette]:
     return result
 
 
-def odds(photos: list[Silhouette], ground: Ground | None = None) -> list[np.ndarray]:
+def odds(photos: list[Silhouette], ground: GroundPlane | None = None) -> list[np.ndarray]:
     points = np.random.default_rng(1).uniform(LOW, HIGH, (500, 3))
     return silhouette_odds(photos, points, ground, 1, OPTIONS)
 
@@ -111,7 +111,7 @@ def test_plants_in_front_say_nothing(photos: list[Silhouette]) -> None:
 
 
 def test_below_the_ground_nothing_is_looked_at(photos: list[Silhouette]) -> None:
-    high = Ground(np.array([0.0, 0, 1]), 0.8, 0.01)
+    high = GroundPlane(np.array([0.0, 0, 1]), 0.8, 0.01)
     foot = shown(photos[0].view) > 0.95
     foot &= photos[0].regions.centres[:, 1] > 60
     assert foot.any() and odds(photos, high)[0][foot].mean() < odds(photos)[0][foot].mean() - 1

@@ -66,24 +66,24 @@ def prompts_on(scene: Scene, spots: dict[str, list[np.ndarray]]) -> Prompts:
 def test_doubted_clicks_second_each_other_where_their_rays_meet(scene: Scene, apart: float, left: int):
     roof, off = np.array([0.0, 0.0, 3.2]), np.array([0.0, apart, 0.0])
     prompts = prompts_on(scene, {CLICKED[0]: [SPOT, roof], CLICKED[1]: [SPOT + off, roof]})
-    doubts = [OutlierPrompt(index, True, 0, 0.05) for index in prompts]
-    assert len(drop_confirmed(doubts, scene, prompts)) == left
+    outliers = [OutlierPrompt(index, True, 0, 0.05) for index in prompts]
+    assert len(drop_confirmed(outliers, scene, prompts)) == left
 
 
 def test_a_photo_of_another_building_needs_two_others(scene: Scene):
-    """All clicks of each photo are doubted."""
+    """All clicks of each photo are outliers."""
     names = (*CLICKED, "photo_01.png")
     for count, left in ((2, 2), (3, 0)):
         prompts = prompts_on(scene, {name: [SPOT] for name in names[:count]})
-        doubts = [OutlierPrompt(index, True, 0, 0.05) for index in prompts]
-        assert len(drop_confirmed(doubts, scene, prompts)) == left
+        outliers = [OutlierPrompt(index, True, 0, 0.05) for index in prompts]
+        assert len(drop_confirmed(outliers, scene, prompts)) == left
 
 
 def test_clicks_that_are_not_doubted_second_only_where_points_are(scene: Scene):
     wall, roof = np.array([0.0, 1.5, 1.0]), np.array([0.0, 0.0, 3.2])
     for other, left in ((wall, 0), (SPOT, 1)):  # where no points are, rays of many clicks would meet by chance
         prompts = prompts_on(scene, {"photo_03.png": [other, roof], "photo_06.png": [other, roof]})
-        doubt = OutlierPrompt(min(prompts), True, 0, 0.05)
-        assert drop_confirmed([doubt], scene, prompts) == [doubt] * left
+        outlier = OutlierPrompt(min(prompts), True, 0, 0.05)
+        assert drop_confirmed([outlier], scene, prompts) == [outlier] * left
     beside = [OutlierPrompt(min(prompts), False, 0, 0.95)]
     assert drop_confirmed(beside, scene, prompts) == beside

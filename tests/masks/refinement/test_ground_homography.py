@@ -12,14 +12,14 @@ import pytest
 from mast import UP, make_scene
 from numpy.typing import NDArray
 
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.refinement.ground_homography import GroundFinder
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.mirrored_ground import MirrorTest
 from mgf_engine.model.scene import View
 
 WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
-GROUND = Ground(UP, 0.0, 0.01)
+GROUND = GroundPlane(UP, 0.0, 0.01)
 #: A wall or a lattice in the plane x = 0, half as wide and as high as this; bars and what is from one to the next.
 HALF, TOP, BAR, STEP = 1.0, 1.6, 0.06, 0.4
 

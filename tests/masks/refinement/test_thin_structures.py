@@ -10,7 +10,7 @@ import pytest
 from mast import HEIGHT, LEGS, TOP, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
-from mgf_engine.masks.geometry.ground_plane import Ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.ground_homography import GroundPixels
@@ -29,7 +29,7 @@ VIEWS = [look(angle, 0.3) for angle in np.linspace(0, 2 * np.pi, 12, endpoint=Fa
 #: Two cameras higher than the mast, which see it against the ground alone.
 HIGH = [look(0.3, 2.4), look(2.2, 2.4)]
 NONE = np.zeros((0, 2))
-GROUND = Ground(UP, 0.0, 0.02)
+GROUND = GroundPlane(UP, 0.0, 0.02)
 
 
 def sky_of(view: View) -> NDArray[np.bool_]:
@@ -52,7 +52,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def search(
-    scene: Scene, prompts: Prompts, leafy: float = 0.0, ground: Ground | None = None
+    scene: Scene, prompts: Prompts, leafy: float = 0.0, ground: GroundPlane | None = None
 ) -> tuple[ThinStructures | None, list[NDArray[np.uint8]]]:
     labels = [photograph(view)[1].astype(np.uint8) for view in scene.views]
 

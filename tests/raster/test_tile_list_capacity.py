@@ -25,27 +25,27 @@ def at_once(needed: int) -> Callable[[], list[int]]:
     return lambda: [needed, needed]
 
 
-def rendered(room: TileListCapacity, needed: int, gaussians: int = 100) -> int:
-    """The room that a rendering gets; what it needed is told later, or at once where it had to wait."""
-    taken = room.take(gaussians, TILES)
+def rendered(capacity: TileListCapacity, needed: int, gaussians: int = 100) -> int:
+    """The capacity that a rendering gets; what it needed is told later, or at once where it had to wait."""
+    taken = capacity.take(gaussians, TILES)
     if taken:
-        room.learn_later(at_once(needed), taken, gaussians, TILES)
+        capacity.learn_later(at_once(needed), taken, gaussians, TILES)
     else:
-        room.learn(needed, gaussians, TILES)
+        capacity.learn(needed, gaussians, TILES)
     return taken
 
 
-def test_room_is_not_known_for_a_new_size_of_frame() -> None:
-    room = TileListCapacity()
-    assert room.take(100, 9) == 0
-    room.learn(100_000, 100, 9)
-    assert room.take(100, 9) >= 200_000 and room.take(100, 16) == 0
-    assert room.take(200, 9) >= 400_000 and room.lost == 0
+def test_capacity_is_not_known_for_a_new_size_of_frame() -> None:
+    capacity = TileListCapacity()
+    assert capacity.take(100, 9) == 0
+    capacity.learn(100_000, 100, 9)
+    assert capacity.take(100, 9) >= 200_000 and capacity.take(100, 16) == 0
+    assert capacity.take(200, 9) >= 400_000 and capacity.lost == 0
 
 
 def test_only_answers_of_the_rendering_before_the_last_are_asked_for() -> None:
-    """Newer ones, though they may have arrived, are never looked at: else the room would depend on the card's pace."""
-    room, asked = TileListCapacity(), []
+    """Newer ones are never looked at, even if they have arrived: else capacities would depend on the card's pace."""
+    capacity, asked = TileListCapacity(), []
 
     def answer(number: int) -> Callable[[], list[int]]:
         def tell() -> list[int]:
@@ -54,34 +54,38 @@ def test_only_answers_of_the_rendering_before_the_last_are_asked_for() -> None:
 
         return tell
 
-    room.learn(1000, 100, TILES)
+    capacity.learn(1000, 100, TILES)
     for number in range(6):
-        taken = room.take(100, TILES)
+        taken = capacity.take(100, TILES)
         assert max(asked, default=-1) == max(number - 2, -1), "waits for a rendering that it should not wait for"
-        room.learn_later(answer(number), taken, 100, TILES)
+        capacity.learn_later(answer(number), taken, 100, TILES)
     assert sorted(set(asked)) == [0, 1, 2, 3]
 
 
-def test_a_rendering_that_lacks_room_is_counted_once_and_the_next_but_one_has_more() -> None:
-    room = TileListCapacity()
-    rooms = [rendered(room, needed) for needed in (100_000, 900_000, 900_000, 900_000, 900_000)]
-    assert rooms[0] == 0 and 200_000 <= rooms[1] == rooms[2] < 250_000 and rooms[3] == rooms[4] > 1_800_000
-    assert room.lost == 2 and room.lost == 2
+def test_a_rendering_that_lacks_capacity_is_counted_once_and_the_next_but_one_has_more() -> None:
+    capacity = TileListCapacity()
+    capacities = [rendered(capacity, needed) for needed in (100_000, 900_000, 900_000, 900_000, 900_000)]
+    assert (
+        capacities[0] == 0
+        and 200_000 <= capacities[1] == capacities[2] < 250_000
+        and capacities[3] == capacities[4] > 1_800_000
+    )
+    assert capacity.lost == 2 and capacity.lost == 2
 
 
-def test_room_shrinks_when_less_is_needed_but_not_within_a_round_of_photos() -> None:
-    room = TileListCapacity()
-    rendered(room, 2_000_000)
+def test_capacity_shrinks_when_less_is_needed_but_not_within_a_round_of_photos() -> None:
+    capacity = TileListCapacity()
+    rendered(capacity, 2_000_000)
     for _ in range(600):
-        taken = rendered(room, 50_000)
+        taken = rendered(capacity, 50_000)
     assert taken >= 2_000_000, "the photo that needs most comes again"
     for _ in range(10_000):
-        taken = rendered(room, 50_000)
-    assert 50_000 < taken < 150_000 and room.lost == 0
+        taken = rendered(capacity, 50_000)
+    assert 50_000 < taken < 150_000 and capacity.lost == 0
 
 
 @pytest.mark.parametrize("stop", [1, 2, 3, 7])
-def test_a_run_that_goes_on_from_its_state_takes_the_same_room(stop: int) -> None:
+def test_a_run_that_goes_on_from_its_state_takes_the_same_capacity(stop: int) -> None:
     needs = [40_000, 20_000, 90_000, 200_000, 30_000, 500_000, 10_000, 70_000, 600_000, 2_000_000, 5, 7]
     whole, first = TileListCapacity(), TileListCapacity()
     expected = [rendered(whole, needed) for needed in needs]
@@ -95,7 +99,7 @@ def test_a_run_that_goes_on_from_its_state_takes_the_same_room(stop: int) -> Non
     assert second.take(100, TILES) == 0 and second.lost == 0
 
 
-def test_rendering_without_room_draws_nothing_and_the_next_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rendering_without_capacity_draws_nothing_and_the_next_has_capacity(monkeypatch: pytest.MonkeyPatch) -> None:
     own = Rasterizer(launcher_on(SOURCE))
     field, view = gaussians(200, seed=1), camera()
     raw = Parameters.of_field(field)
@@ -140,9 +144,9 @@ def test_rendering_that_does_not_wait_is_the_same() -> None:
     ],
 )  # fmt: skip
 def test_what_is_no_state_changes_nothing(state: Any) -> None:
-    room = TileListCapacity()
-    room.learn(900, 30, 4)
-    before = room.state()
+    capacity = TileListCapacity()
+    capacity.learn(900, 30, 4)
+    before = capacity.state()
     with pytest.raises((ValueError, TypeError, KeyError, OverflowError)):
-        room.restore(state)
-    assert room.state() == before
+        capacity.restore(state)
+    assert capacity.state() == before
