@@ -7,14 +7,19 @@ import argparse
 import difflib
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any, NoReturn
 
 from mgf_engine import __version__
 from mgf_engine.config import option_fields
 from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
 from mgf_engine.option_list import default_text
-from mgf_engine.reported import add_algorithm_arguments
+from mgf_engine.shared_arguments import (
+    add_algorithm_arguments,
+    add_config_arguments,
+    add_job_argument,
+    add_reporting_arguments,
+    path_of,
+)
 from mgf_engine.stages import SECTIONS, STAGES
 
 
@@ -101,22 +106,24 @@ def _add_tools(mgf: Parser) -> None:
         "estimate", help="estimate time and memory of a job, per stage", argument_default=argparse.SUPPRESS
     )
     _add_inputs(guess)
-    guess.add_argument("--out", type=_path, default=None, metavar="JOB", help="ignored; all stages count as not done")
+    guess.add_argument("--out", type=path_of, default=None, metavar="JOB", help="ignored; all stages count as not done")
     guess.add_argument("--json", action="store_true", default=False, help="print JSON")
     _add_options(guess)
     doctor = mgf.add_command("doctor", help="show versions, kernel variant, device, memory and extras")
     doctor.add_argument(
         "--card", action="store_true", help="compare the card with the CPU, in a minute; auto then uses it"
     )
-    doctor.add_argument("--weights", type=_path, metavar="FOLDER", help="folder of the EfficientSAM weights")
+    doctor.add_argument("--weights", type=path_of, metavar="FOLDER", help="folder of the EfficientSAM weights")
     options = mgf.add_command("options", help="list all options with default and meaning")
     options.add_argument("--algorithms", action="store_true", help="list the options of the algorithms instead")
     options.add_argument("--json", action="store_true", help="print JSON")
     weights = mgf.add_command("weights", help="download and verify the weights of EfficientSAM or LPIPS")
     weights.add_argument("--model", choices=("vitt", "vits", "lpips-alex", "lpips-vgg"),
                          help="EfficientSAM by size (default vitt), or the LPIPS network")  # fmt: skip
-    weights.add_argument("--folder", type=_path, help="target folder (default: the user's cache folder)")
-    weights.add_argument("--from", dest="source", type=_path, metavar="FOLDER", help="copy the files from this folder")
+    weights.add_argument("--folder", type=path_of, help="target folder (default: the user's cache folder)")
+    weights.add_argument(
+        "--from", dest="source", type=path_of, metavar="FOLDER", help="copy the files from this folder"
+    )
 
 
 def _add_after_the_job(mgf: Parser, only: str | None) -> None:
@@ -132,7 +139,7 @@ def _add_after_the_job(mgf: Parser, only: str | None) -> None:
     preview = mgf.add_command("preview", help="make the mask of one photo from its own clicks")
     _add_preview_arguments(preview)
     clean = mgf.add_command("clean", help="list or remove the results of earlier runs of a job")
-    clean.add_argument("job", type=_path, metavar="JOB", help="job folder")
+    add_job_argument(clean)
     clean.add_argument("runs", nargs="*", type=int, metavar="RUN", help="numbers of the runs to remove")
     clean.add_argument("--old", action="store_true", help="remove all runs except the current one")
     georef = mgf.add_command(
@@ -152,13 +159,8 @@ def _add_towns(mgf: Parser, only: str | None) -> None:
     ):
         command = mgf.add_command(name, help=text, argument_default=argparse.SUPPRESS)
         _add_arguments_of(module, command, only)
-        _add_config_arguments(command)
-
-
-def _path(text: str) -> Path:
-    if not text:  # pathlib would read it as the current folder
-        raise argparse.ArgumentTypeError("is empty; give a path")
-    return Path(text)
+        add_config_arguments(command)
+        _add_options(command)
 
 
 def _add_arguments_of(module: str, parser: Parser, only: str | None) -> None:
@@ -170,30 +172,19 @@ def _add_arguments_of(module: str, parser: Parser, only: str | None) -> None:
         import_module(f"mgf_engine.{module}").add_arguments(parser)
 
 
-def _add_config_arguments(parser: Parser) -> None:
-    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="options from a JSON file")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="set any option by name, as max_faces=5 or mesh.max_faces=5",
-    )
-    _add_options(parser)
-
-
 def _add_georef_arguments(parser: Parser, only: str | None) -> None:
-    parser.add_argument("job", type=_path, metavar="JOB", help="folder of a finished job")
     _add_arguments_of("georef.command", parser, only)
     for spec in (f for f in option_fields() if f.metadata["section"] == "georef"):
         _add_option(parser, spec)
 
 
 def _add_preview_arguments(parser: Parser) -> None:
-    parser.add_argument("scene", type=_path, help="COLMAP project, or folder of photos")
-    parser.add_argument("--prompts", type=_path, required=True, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("scene", type=path_of, help="COLMAP project, or folder of photos")
+    parser.add_argument("--prompts", type=path_of, required=True, metavar="FILE", help="clicks on the building (JSON)")
     parser.add_argument("--image", required=True, metavar="NAME", help="name of the photo, as in the prompts file")
-    parser.add_argument("--out", type=_path, required=True, metavar="MASK.png", help="255 building, 0 everything else")
+    parser.add_argument(
+        "--out", type=path_of, required=True, metavar="MASK.png", help="255 building, 0 everything else"
+    )
     parser.add_argument("--resolution", default=1000, metavar="PX", help="longest side of the mask (default 1000)")
     parser.add_argument("--segmenter", default="auto", help="auto, random_walker or efficientsam (default auto)")
     parser.add_argument("--weights", default="", metavar="FOLDER", help="folder of the EfficientSAM weights")
@@ -206,20 +197,17 @@ def _add_job_command(mgf: Parser, name: str, help: str) -> None:
         usage=f"mgf {name} [SCENE] --out JOB [--prompts FILE | --masks FOLDER] [OPTION ...]",
     )  # fmt: skip
     _add_inputs(parser, "?")
-    parser.add_argument("--out", type=_path, required=True, metavar="JOB", help="job folder")
+    parser.add_argument("--out", type=path_of, required=True, metavar="JOB", help="job folder")
     parser.add_argument("--resume", action="store_true", default=False, help="continue the job in the folder")
-    styles = ("auto", "bar", "plain", "json", "none")
-    parser.add_argument("--progress", choices=styles, default="auto", help="style of messages (default auto)")
-    parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="cancel when standard input closes")
+    add_reporting_arguments(parser)
     _add_options(parser)
 
 
 def _add_inputs(parser: Parser, scenes: str | None = None) -> None:
-    parser.add_argument("scene", nargs=scenes, type=_path, default=None, help="COLMAP project, or folder of photos")
-    parser.add_argument("--prompts", type=_path, default=None, metavar="FILE", help="clicks on the building (JSON)")
-    parser.add_argument("--masks", type=_path, default=None, metavar="FOLDER", help="masks instead of clicks (PNGs)")
-    parser.add_argument("--config", type=_path, default=None, metavar="FILE", help="read options from a JSON file")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="set an option; repeatable")
+    parser.add_argument("scene", nargs=scenes, type=path_of, default=None, help="COLMAP project, or folder of photos")
+    parser.add_argument("--prompts", type=path_of, default=None, metavar="FILE", help="clicks on the building (JSON)")
+    parser.add_argument("--masks", type=path_of, default=None, metavar="FOLDER", help="masks instead of clicks (PNGs)")
+    add_config_arguments(parser)
 
 
 def _add_options(parser: Parser) -> None:

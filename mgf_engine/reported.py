@@ -12,7 +12,6 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 from mgf_engine.algorithms import algorithm_values, check_used
@@ -23,22 +22,6 @@ from mgf_engine.terminal import drop_output, make_sink
 
 #: What whoever presses Ctrl-C reads at once: the next step may be some seconds away.
 STOPPING = "Stopping at the next step; Ctrl-C again stops at once."
-STYLES = ("auto", "bar", "plain", "json", "none")
-
-
-def add_reporting_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add how progress is shown, and how the add-on asks a run to stop."""
-    parser.add_argument("--progress", choices=STYLES, default="auto", help="how to show progress")
-    parser.add_argument("--cancel-on-eof", action="store_true", default=False, help="stop when standard input closes")
-
-
-def add_algorithm_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add options of the algorithms that the command runs (:mod:`mgf_engine.algorithms`)."""
-    parser.add_argument("--config", type=Path, default=None, metavar="FILE", help="read options from a JSON file")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="SECTION.NAME=VALUE",
-        help="set an option of an algorithm ('mgf options --algorithms' lists them); repeatable",
-    )  # fmt: skip
 
 
 def read_algorithm_options(args: argparse.Namespace, command: str) -> dict[str, Any]:

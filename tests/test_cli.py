@@ -144,9 +144,14 @@ def test_a_file_for_a_job_folder_is_called_a_file(tmp_path: Path, capsys) -> Non
     assert "is a file; give a folder" in capsys.readouterr().err
 
 
-def test_an_empty_path_is_not_this_folder(tmp_path: Path, capsys) -> None:
+@pytest.mark.parametrize(
+    "arguments",
+    [["reconstruct", "", "--out", "job"], ["town", "scene", "--out", ""], ["models", "job", "--out", ""],
+     *([command, ""] for command in ("clean", "drawings", "evaluate", "georef", "models", "suggest-clicks"))],
+)  # fmt: skip
+def test_an_empty_path_is_not_this_folder(arguments: list[str], capsys) -> None:
     with pytest.raises(SystemExit, match="2"):
-        main(["reconstruct", "", "--out", str(tmp_path / "job")])
+        main(arguments)
     assert "empty; give a path" in capsys.readouterr().err
 
 

@@ -5,29 +5,22 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import logging
 import math
 import re
-from pathlib import Path
 
 from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import (
-    add_algorithm_arguments,
-    add_reporting_arguments,
-    read_algorithm_options,
-    read_number,
-    run_reported,
-)
+from mgf_engine.reported import read_algorithm_options, read_number, run_reported
+from mgf_engine.shared_arguments import add_algorithm_arguments, add_job_argument, add_reporting_arguments, path_of
 
 NEEDED = {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``mgf drawings``."""
-    parser.add_argument("job", type=Path, metavar="JOB", help="job folder with a finished mesh")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where drawings go (default: JOB/drawings)")
+    add_job_argument(parser)
+    parser.add_argument("--out", type=path_of, metavar="FOLDER", help="where drawings go (default: JOB/drawings)")
     parser.add_argument(
         "--facade", action="append", default=[], metavar="'x,y,z x,y,z x,y,z'",
         help="a facade through three points of the mesh, in its own coordinates, in place of those found; repeatable",
@@ -71,7 +64,6 @@ def _draw(args: argparse.Namespace, reporter: Reporter) -> None:
     from mgf_engine.drawings.make import make_drawings
     from mgf_engine.drawings.work import DrawingOptions
 
-    logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     kinds = frozenset(args.draw or KINDS)
     resolution = None if millimetres is None else millimetres / 1000
     options = DrawingOptions(points, resolution, args.section, args.paper, scale, kinds, algorithms)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.shared_arguments import path_of
 from mgf_engine.system import write_json
 
 if TYPE_CHECKING:
@@ -21,16 +22,16 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``mgf evaluate``."""
-    parser.add_argument("mesh", type=Path, help="mesh to evaluate (PLY, OBJ or GLB), or a job folder")
+    parser.add_argument("mesh", type=path_of, help="mesh to evaluate (PLY, OBJ or GLB), or a job folder")
     parser.add_argument(
-        "--scan", type=Path, help="laser scan to measure the mesh by (LAS, LAZ, E57 or PLY), registered by ICP first"
+        "--scan", type=path_of, help="laser scan to measure the mesh by (LAS, LAZ, E57 or PLY), registered by ICP first"
     )
     parser.add_argument(
         "--reach", type=float, default=None,
         help="distance beyond which scan points belong to something else (default: 2%% of the size of the mesh)",
     )  # fmt: skip
     parser.add_argument(
-        "--truth", type=Path,
+        "--truth", type=path_of,
         help="true mesh in the same coordinates; NAME_materials.json and .npy beside it add scores by material",
     )  # fmt: skip
     parser.add_argument(
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--samples", type=int, default=1_000_000, help="points sampled on each mesh (default 1000000)")
     parser.add_argument(
-        "--scene", type=Path,
+        "--scene", type=path_of,
         help="COLMAP project: excludes true points that no camera sees, and gives evenness in pixels",
     )  # fmt: skip
     parser.add_argument(
@@ -47,11 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=750,
         help="longest side of the photos whose pixels are the unit of evenness (default 750)",
     )
-    parser.add_argument("--leave-out", type=Path, help="mesh of a part of the truth to exclude from the scores")
+    parser.add_argument("--leave-out", type=path_of, help="mesh of a part of the truth to exclude from the scores")
     parser.add_argument("--align", choices=("none", "rigid", "similarity"), default=None,
                         help="align first (ICP; default: rigid for a scan, else none)")  # fmt: skip
-    parser.add_argument("--picture", type=Path, help="write a picture of both meshes coloured by distance (z is up)")
-    parser.add_argument("--json", type=Path, help="also write the scores to this JSON file")
+    parser.add_argument("--picture", type=path_of, help="write a picture of both meshes coloured by distance (z is up)")
+    parser.add_argument("--json", type=path_of, help="also write the scores to this JSON file")
 
 
 def evaluate_command(args: argparse.Namespace) -> int:

@@ -46,7 +46,7 @@ class Optimiser:
 
         Args:
             rates: learning rate per parameter name.
-            visible: uint8 [N]; rows with 0 keep their values and moments.
+            visible: bool [N]; other rows keep their values and moments.
             sh_rest_share: learning rate of the view-dependent colour as a share of the constant one's.
         """
         self.step_count += 1

@@ -19,7 +19,8 @@ from mgf_engine.job import Job
 from mgf_engine.job_folder import known_options, read_job
 from mgf_engine.messages import Reporter
 from mgf_engine.option_input import option_pairs, read_config
-from mgf_engine.reported import add_algorithm_arguments, add_reporting_arguments, run_reported
+from mgf_engine.reported import run_reported
+from mgf_engine.shared_arguments import add_algorithm_arguments, add_job_argument, add_reporting_arguments, path_of
 from mgf_engine.system import atomic_path
 
 STAGE = "georef"
@@ -27,8 +28,9 @@ STAGE = "georef"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``mgf georef`` beside the options of its section."""
+    add_job_argument(parser)
     parser.add_argument(
-        "--predict", type=Path, default=None, metavar="FILE",
+        "--predict", type=path_of, default=None, metavar="FILE",
         help="only write where the control points should appear in the photos (JSON); the job stays as it is",
     )  # fmt: skip
     add_algorithm_arguments(parser)

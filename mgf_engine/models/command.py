@@ -5,19 +5,12 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import logging
 import math
-from pathlib import Path
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import (
-    add_algorithm_arguments,
-    add_reporting_arguments,
-    read_algorithm_options,
-    read_number,
-    run_reported,
-)
+from mgf_engine.reported import read_algorithm_options, read_number, run_reported
+from mgf_engine.shared_arguments import add_algorithm_arguments, add_job_argument, add_reporting_arguments, path_of
 
 _LEVELS = {"xatlas": "xatlas", "fast_simplification": "fast-simplification"}
 #: What can be made -> the packages it needs beyond the engine's own, module -> name.
@@ -34,8 +27,8 @@ MOST_ERRORS = 9
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``mgf models``."""
-    parser.add_argument("job", type=Path, metavar="JOB", help="job folder with a finished mesh")
-    parser.add_argument("--out", type=Path, metavar="FOLDER", help="where models go (default: JOB/models)")
+    add_job_argument(parser)
+    parser.add_argument("--out", type=path_of, metavar="FOLDER", help="where models go (default: JOB/models)")
     parser.add_argument(
         "--only", default=",".join(NEEDED), metavar="KINDS",
         help=f"what to make, with commas between (default: all of {','.join(NEEDED)})",
@@ -82,7 +75,6 @@ def _make(args: argparse.Namespace, reporter: Reporter) -> None:
     from mgf_engine.models.make import make_models
     from mgf_engine.models.work import ModelOptions
 
-    logging.getLogger("mgf").addHandler(logging.NullHandler())  # or warnings would come twice
     options = ModelOptions(kinds, errors, detail, spacing, args.draco, algorithms)
     make_models(args.job, args.out, options, reporter)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from mgf_engine.config import make_config
 from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.memory import GB
 from mgf_engine.messages import Reporter
+from mgf_engine.shared_arguments import path_of
 from mgf_engine.terminal import duration, make_sink
 from mgf_engine.town.folder import town_folder
 from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan
@@ -20,16 +20,18 @@ from mgf_engine.town.plan_files import read_plan
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what ``mgf buildings`` and ``mgf town`` take beside the options of jobs."""
-    parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("scene", type=path_of, help="COLMAP scene, or a folder of photos")
     parser.add_argument(
-        "--footprints", type=Path, default=None, metavar="FILE",
+        "--footprints", type=path_of, default=None, metavar="FILE",
         help="outlines of the buildings: GeoJSON, GeoPackage, Shapefile or CityJSON",
     )  # fmt: skip
     parser.add_argument(
         "--find", action="store_true", default=False,
         help="without footprints: take what stands above the ground in the sparse points",
     )  # fmt: skip
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the folders of buildings go")
+    parser.add_argument(
+        "--out", type=path_of, required=True, metavar="FOLDER", help="where the folders of buildings go"
+    )
     parser.add_argument("--layer", default="", help="of a GeoPackage; the first one with areas by default")
     parser.add_argument(
         "--footprints-crs", default="", metavar="CRS",
@@ -37,14 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "coordinates of the scene itself",
     )  # fmt: skip
     parser.add_argument(
-        "--pairs", type=Path, default=None, metavar="FILE",
+        "--pairs", type=path_of, default=None, metavar="FILE",
         help="three points or more known in map and scene (CSV: east, north, height, x, y, z)",
     )  # fmt: skip
     parser.add_argument(
         "--photos-per-building", type=int, default=MOST_PHOTOS, metavar="N", help=f"at most (default {MOST_PHOTOS})"
     )
     parser.add_argument(
-        "--clicks", type=Path, default=None, metavar="FOLDER",
+        "--clicks", type=path_of, default=None, metavar="FOLDER",
         help="clicks by hand, ID.json for each building that has some; they win over automatic ones",
     )  # fmt: skip
 

@@ -17,6 +17,7 @@ from typing import Any
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
 from mgf_engine.job_folder import locked
 from mgf_engine.messages import Reporter
+from mgf_engine.shared_arguments import path_of
 from mgf_engine.terminal import duration, make_sink
 from mgf_engine.town.command import add_arguments as add_plan_arguments
 from mgf_engine.town.command import plan_town, time_and_memory
@@ -46,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"jobs in the queue of a cluster at once (default {MOST_JOBS})",
     )  # fmt: skip
     parser.add_argument(
-        "--profile", type=Path, default=None, metavar="FOLDER",
+        "--profile", type=path_of, default=None, metavar="FOLDER",
         help="a profile of Snakemake, such as the account and partition of a cluster",
     )  # fmt: skip
     parser.add_argument(

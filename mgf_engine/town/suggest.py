@@ -18,9 +18,10 @@ from mgf_engine.georef.model import Georeference
 from mgf_engine.images import write_picture
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
-from mgf_engine.reported import add_reporting_arguments, run_reported
+from mgf_engine.reported import run_reported
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.crop import parse_crop_box
+from mgf_engine.shared_arguments import add_reporting_arguments, path_of
 from mgf_engine.system import json_text
 from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.find import find_outlines
@@ -39,10 +40,10 @@ _GREEN, _RED, _TILE = (60, 220, 60), (40, 40, 235), 480
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what ``mgf suggest-clicks`` takes beside the options of jobs."""
-    parser.add_argument("scene", type=Path, help="COLMAP scene, or a folder of photos")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help=f"for {CLICKS} and {SHEET}")
+    parser.add_argument("scene", type=path_of, help="COLMAP scene, or a folder of photos")
+    parser.add_argument("--out", type=path_of, required=True, metavar="FOLDER", help=f"for {CLICKS} and {SHEET}")
     parser.add_argument(
-        "--job", type=Path, default=None, metavar="FOLDER",
+        "--job", type=path_of, default=None, metavar="FOLDER",
         help="job folder of the scene, whose scene stage is used, or made where it is missing (default: OUT/scene)",
     )  # fmt: skip
     parser.add_argument(

@@ -28,7 +28,8 @@ def row(name: str, level: float, mode: str = "masks", f1: float | None = 80.0, *
 
 
 def test_the_options_of_every_run_exist() -> None:
-    make_config(stability.SMALL)
+    config = make_config(stability.SMALL)
+    assert {name: getattr(config, name) for name in stability.SMALL} == stability.SMALL
 
 
 @pytest.mark.parametrize(

@@ -164,6 +164,9 @@ def test_clicks_on_a_damaged_photo_pass_before_there_is_a_scene(tmp_path: Path):
     (tmp_path / "damaged.jpg").write_bytes(b"no picture")
     path = write(tmp_path, {"damaged.jpg": {"positive": [[5000, 1]]}})
     check_prompts(PromptsFile.read(path), {"damaged.jpg": tmp_path / "damaged.jpg"})
+    Image.new("RGB", (40, 30)).save(tmp_path / "damaged.jpg")
+    with pytest.raises(BadInput, match="outside the photo"):
+        check_prompts(PromptsFile.read(path), {"damaged.jpg": tmp_path / "damaged.jpg"})
 
 
 def test_missing_and_binary_files(tmp_path: Path, scene: Scene):
