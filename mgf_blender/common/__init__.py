@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What several rooms of the add-on share and that has no interface of its own."""
+"""Code that several packages of the add-on share, without an interface of its own."""

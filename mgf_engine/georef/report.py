@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +57,15 @@ def georeference_figures(fit: GeoreferenceFit) -> dict[str, Any]:
 
 def rms_figures(fit: GeoreferenceFit) -> dict[str, str]:
     """Return RMSE in space of control and check points, for the last line of a run."""
-    found = {}
+    return {f"RMSE of {role} points": f"{1000 * total:.1f} mm" for role, _, total in _rmse(fit)}
+
+
+def _rmse(fit: GeoreferenceFit) -> Iterator[tuple[str, NDArray[np.float64], float]]:
+    """Yield role and RMSE of control and check points, metres: along each axis [3], and in space."""
     for role in (CONTROL, CHECK):
         rms = None if fit.control is None else fit.control.rms(role)
         if rms is not None:
-            found[f"RMSE of {role} points"] = f"{1000 * float(np.sqrt((rms**2).sum())):.1f} mm"
-    return found
+            yield role, rms, float(np.sqrt((rms**2).sum()))
 
 
 def replace_section(page: Path, html: str, begin: str = BEGIN, end: str = END) -> None:
@@ -100,12 +104,10 @@ def facts(fit: GeoreferenceFit) -> list[tuple[str, str]]:
         x, y, z = fit.gps.rms
         used = f"{int(fit.gps.used.sum())} of {len(fit.gps_views)} photos"
         rows.append(("GPS", f"{used}; off by {x:.2f} m east, {y:.2f} m north, {z:.2f} m in height (RMS)"))
-    for role, title in ((CONTROL, "control points"), (CHECK, "check points")):
-        rms = None if fit.control is None else fit.control.rms(role)
-        if rms is not None:
-            x, y, z = 1000 * rms
-            total = 1000 * float(np.sqrt((rms**2).sum()))
-            rows.append((f"RMSE of {title}", f"east {x:.1f}, north {y:.1f}, height {z:.1f}, together {total:.1f} mm"))
+    for role, rms, total in _rmse(fit):
+        x, y, z = 1000 * rms
+        text = f"east {x:.1f}, north {y:.1f}, height {z:.1f}, together {1000 * total:.1f} mm"
+        rows.append((f"RMSE of {role} points", text))
     return rows
 
 
@@ -121,15 +123,11 @@ def _point_rows(fit: GeoreferenceFit) -> list[dict[str, Any]]:
             "pixels": "–" if np.isnan(row.pixels) else f"{row.pixels:.2f}", "photos": row.photos, "note": row.note,
             "mean": False,
         })  # fmt: skip
-    for role in (CONTROL, CHECK):
-        rms = fit.control.rms(role)
-        if rms is not None:
-            values = [*rms, float(np.sqrt((rms**2).sum()))]
-            shown = [f"{1000 * v:.1f}" for v in values]
-            rows.append({
-                "name": "RMSE", "role": role, "millimetres": shown, "pixels": "", "photos": "", "note": "",
-                "mean": True,
-            })  # fmt: skip
+    for role, rms, total in _rmse(fit):
+        rows.append({
+            "name": "RMSE", "role": role, "millimetres": [f"{1000 * v:.1f}" for v in (*rms, total)], "pixels": "",
+            "photos": "", "note": "", "mean": True,
+        })  # fmt: skip
     return rows
 
 
