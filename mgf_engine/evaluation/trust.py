@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mgf_engine.geometry.clean import vertex_areas
 from mgf_engine.model.mesh import Mesh
 
-#: Confidence of a place that three photos show and whose patches hardly correlate (see ``TsdfField.known``).
+#: Confidence of a place that three photos show and whose patches hardly correlate (see ``TsdfField.observations``).
 _THREE_PHOTOS = 0.5
 #: Confidence from which their patches correlate well enough to measure on the place.
 _AGREED = 0.75

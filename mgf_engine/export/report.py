@@ -249,7 +249,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
 
 
 def _trust(job: Job) -> dict[str, float]:
-    """Summarise the confidence of the mesh, where its surface has one (see ``TsdfField.known``)."""
+    """Summarise the confidence of the mesh, where its surface has one (see ``TsdfField.observations``)."""
     figures = job.stages["mesh"]["figures"]
     names = {"confidence": "confidence of the mesh (0..1, mean)", "unseen_share": "share of it that no photo shows"}
     return {text: figures[name] for name, text in names.items() if name in figures}

@@ -51,7 +51,7 @@ def image_loss(
 
     Args:
         rendering: maps of the whole frame; depth, normal and distortion only count where their factor is not zero.
-        photo: photo and labels, worked out once (:func:`photo_side`).
+        photo: photo and labels, worked out once (:func:`mgf_engine.raster.photo_side.photo_side`).
         weights: of the terms.
         backdrop: float32 [3] on the CPU, colour behind the field inside the mask.
         camera: intrinsics of the whole frame.
