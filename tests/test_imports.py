@@ -19,7 +19,7 @@ ORDER = (
     "images",
     *("option_values", "algorithm_table", "algorithms"),  # options of algorithms
     *("costs", "presets", "config", "option_input", "option_list"),  # options of a job
-    *("messages", "terminal", "reported", "output_folder"),  # reports
+    *("messages", "terminal", "reported", "output_folder", "shared_arguments"),  # commands and reports
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     *("runs", "inputs", "job_folder", "stage_keys", "job", "results"),  # the job folder
