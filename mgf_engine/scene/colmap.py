@@ -131,7 +131,7 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
     if missing:
         raise BadInput(
             f"{len(missing)} of {len(names)} photos of the COLMAP model are not there (first: '{missing[0]}'); "
-            f"put the photos into '{source / 'images'}'."
+            f"put the photos into '{source / 'images'}', or take them out of the model (colmap image_deleter)."
         )
     return [found[name] for name in names]
 
