@@ -48,7 +48,7 @@ class MGF_PT_results(SidebarPanel, bpy.types.Panel):
         for obj in meshes:
             _draw_mesh(layout, obj)
         if scene.camera is not None and PHOTO_KEY in scene.camera:
-            _draw_camera(layout, scene.camera, context.region_data)
+            _draw_camera(layout, scene.camera, getattr(context.space_data, "region_3d", None))
         _draw_figures(layout, scene.mgf.figures)
 
 

@@ -80,8 +80,9 @@ def test_next_cameras_go_on_with_what_was_chosen(tree):
 
 def test_a_view_that_left_the_camera_says_where_the_mesh_is(tree):
     def said(perspective: str) -> str:
-        view = SimpleNamespace(view_perspective=perspective)
-        return " ".join(draw(MGF_PT_results, SimpleNamespace(scene=bpy.context.scene, region_data=view)).said.split())
+        space = SimpleNamespace(region_3d=SimpleNamespace(view_perspective=perspective))
+        context = SimpleNamespace(scene=bpy.context.scene, space_data=space, region_data=None)  # as in a sidebar
+        return " ".join(draw(MGF_PT_results, context).said.split())
 
     bpy.ops.mgf.show_in_camera(kind="PHOTO")
     assert "mesh is hidden; press Mesh" in said("PERSP") and "hidden" not in said("CAMERA")

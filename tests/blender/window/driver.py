@@ -182,6 +182,7 @@ class Window:
         self._x("mouseup", button)
         time.sleep(0.2)
         if hold:
+            self.settle()  # Blender asks for the keys that are down when it comes to the click
             self._x("keyup", hold)
         self.settle()
 
