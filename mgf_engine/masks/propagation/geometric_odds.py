@@ -109,9 +109,10 @@ class GeometricOdds:
         others = apart | ((points < own.other_below) & ~point_grounded & ~over & self._far_from(keep))
         added = graph.added_on_building(probability) & (added_ground < 0.5)
         extent = self._extent(np.concatenate([keep, added]) & ~floaters, ground, others)
-        tied = self._tied_to_building(keep, points, appearance)
+        tied = self._tied_to_building(keep, points, appearance, graph.clicked_regions(prompts))
         within = np.zeros(graph.point_count)
-        geometry = parallel_map(lambda i: self._geometry(extent, i, tied), views, graph.threads)
+        positive = {i: clicks.positive for i, clicks in prompts.items()}
+        geometry = parallel_map(lambda i: self._geometry(extent, i, tied, positive.get(i)), views, graph.threads)
         for index, (odds, first, inside) in zip(views, geometry, strict=True):
             part = slice(graph.start[index], graph.start[index + 1])
             region_odds[part] += odds
@@ -175,15 +176,24 @@ class GeometricOdds:
         )
         return probable & clicked, probable & ~clicked
 
-    def _tied_to_building(self, keep: NDArray[np.bool_], points: Array, appearance: Array) -> Array:
+    def _tied_to_building(
+        self, keep: NDArray[np.bool_], points: Array, appearance: Array, clicked: NDArray[np.bool_]
+    ) -> Array:
         """Rate how likely regions belong to the building although no point of it is near, 0..1, [regions].
 
         A sheet roof or a plain wall has points along its edges only. A region that resembles the building, and is
-        connected to its points more than to others, may be the same surface.
+        connected to its points or positive clicks more than to others, may be the same surface.
+
+        Args:
+            keep: points of the building, bool [P].
+            points: probability of "building" of the points, [P].
+            appearance: log-odds of "building" by colour and texture, of all nodes [N].
+            clicked: regions with a positive click, bool [regions].
         """
         own = self.options
-        known = np.concatenate([self.graph.sky[: self.graph.region_count] > 0, keep | (points < own.other_below)])
-        target = np.concatenate([np.zeros(self.graph.region_count), keep])
+        sky = self.graph.sky[: self.graph.region_count] > 0
+        known = np.concatenate([sky | clicked, keep | (points < own.other_below)])
+        target = np.concatenate([clicked, keep]).astype(np.float64)
         wanted = 1 / (1 + np.exp(-appearance))
         strength = own.tie_appearance_weight * np.abs(2 * wanted - 1) * ~known + 1e-4
         pull = own.click_weight * known
@@ -192,15 +202,31 @@ class GeometricOdds:
         return np.clip((tied - low) / (high - low), 0, 1)
 
     def _geometry(
-        self, extent: BuildingExtent, index: int, tied: Array
+        self, extent: BuildingExtent, index: int, tied: Array, clicks: Array | None
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
         """Return the log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within
-        [P]."""
-        place = extent.place(index)
+        [P].
+
+        Args:
+            extent: of the building.
+            index: of the view.
+            tied: how likely regions belong to the building although no point of it is near, 0..1, [regions].
+            clicks: positive ones of the view, working pixels [N, 2]; None without.
+        """
+        place, view = extent.place(index), self.graph.scene.views[index]
         sure = 1 - tied[self.graph.start[index] : self.graph.start[index + 1]]
-        odds, first = self._region_odds(place, self.graph.regions[index], self.graph.scene.views[index], sure)
+        if clicks is not None and self._clicks_beyond(place, clicks / (view.width, view.height)):
+            # The building is larger in this photo than its points: their hull does not tell where it ends.
+            place = replace(place, hull=np.ones_like(place.hull))
+        odds, first = self._region_odds(place, self.graph.regions[index], view, sure)
         seen = self.visibility.owner[self.graph.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
+
+    def _clicks_beyond(self, place: ViewRegions, clicks: Array) -> bool:
+        """Tell whether a click on the building lies well beyond its points; clicks [N, 2] as shares of the photo's sides."""
+        h, w = place.hull.shape
+        x, y = np.clip(np.floor(clicks * (w, h)).astype(np.int64), 0, (w - 1, h - 1)).T
+        return bool((~place.hull[y, x] & (place.away[y, x] > self.options.far_from)).any())
 
     def extent(self, keep: NDArray[np.bool_], ground: GroundPlane | None, prompts: Prompts) -> BuildingExtent:
         """Return the extent of the building.

@@ -90,6 +90,13 @@ class LabelGraph:
                     np.add.at(wanted, nodes, self.options.click_weight * value)
         return pull, wanted / np.maximum(pull, 1e-12)
 
+    def clicked_regions(self, prompts: Prompts) -> NDArray[np.bool_]:
+        """Return the regions with a positive click, [regions]."""
+        result = np.zeros(self.region_count, bool)
+        for index, clicks in prompts.items():
+            result[self.regions[index].at(clicks.positive) + self.start[index]] = True
+        return result
+
     def unclicked_sky(self, prompts: Prompts) -> NDArray[np.bool_]:
         """Return nodes that are sky, [N]; what a click calls building is none."""
         clicked = [self.regions[i].at(c.positive) + self.start[i] for i, c in prompts.items() if len(c.positive)]
