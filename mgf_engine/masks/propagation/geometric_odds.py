@@ -223,7 +223,7 @@ class GeometricOdds:
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
 
     def _clicks_beyond(self, place: ViewRegions, clicks: Array) -> bool:
-        """Tell whether a click on the building lies well beyond its points; clicks [N, 2] as shares of the photo's sides."""
+        """Tell whether a click [N, 2], as shares of the photo's sides, lies well beyond the building's points."""
         h, w = place.hull.shape
         x, y = np.clip(np.floor(clicks * (w, h)).astype(np.int64), 0, (w - 1, h - 1)).T
         return bool((~place.hull[y, x] & (place.away[y, x] > self.options.far_from)).any())

@@ -226,12 +226,13 @@ def test_a_region_without_points_is_tied_to_the_building_or_to_the_ground() -> N
     """A roof between two points of the building, an edge, and a lawn with a point."""
     walker = graph_of([strip([0.0] * 4 + [40.0] + [0.0] * 2)], [[(0, 0)], [(0, 4)], [(0, 7)]])
     building, probability = np.array([True, True, False]), np.array([1.0, 1.0, 0.0])
-    tied = walker.geometry._tied_to_building(building, probability, np.zeros(len(walker.graph.degree)))
+    unclicked, lawn = np.zeros(8, bool), np.r_[np.zeros(1), np.full(3, -OPTIONS.appearance_limit), np.zeros(7)]
+    tied = walker.geometry._tied_to_building(building, probability, np.zeros(len(lawn)), unclicked)
     assert tied == pytest.approx([1, 1, 1, 1, 1, 0, 0, 0], abs=1e-6)
-    lawn = np.r_[np.zeros(1), np.full(3, -OPTIONS.appearance_limit), np.zeros(7)]
-    assert (
-        walker.geometry._tied_to_building(building, probability, lawn)[1:4] < 0.5
-    ).all()  # a courtyard of another colour
+    courtyard = walker.geometry._tied_to_building(building, probability, lawn, unclicked)
+    assert (courtyard[1:4] < 0.5).all()  # of another colour
+    clicked = walker.geometry._tied_to_building(building, probability, lawn, np.arange(8) == 2)
+    assert clicked[2] == 1 and clicked[7] == 0
 
 
 def test_missing_points_say_nothing_of_a_tied_region_within_the_building() -> None:
