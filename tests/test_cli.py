@@ -221,6 +221,22 @@ def test_evaluate_gives_materials_and_evenness(tmp_path: Path, triangle: str, ca
     assert plane["share"] == 1.0 and plane["rms"] < 1e-6
 
 
+def test_evaluate_measures_a_job_in_the_coordinates_of_its_photos(tmp_path: Path) -> None:
+    """Its georeferenced mesh, a thousand times as large, is not in the units of the COLMAP model."""
+    scene, job, figures = tmp_path / "scene", tmp_path / "job", tmp_path / "figures.json"
+    write_model(reconstruction(), scene / "sparse" / "0")
+    (job / "georeferenced").mkdir(parents=True)
+    mesh = trimesh.creation.icosphere(subdivisions=2)
+    mesh.export(job / "mesh.ply")
+    mesh.apply_scale(1000).export(job / "georeferenced" / "mesh.ply")
+    (job / "georeferenced" / "georef.json").write_text('{"offset": [0, 0, 0]}', encoding="utf-8")
+    found = []
+    for mesh_or_job in (job / "mesh.ply", job):
+        assert main(["evaluate", str(mesh_or_job), "--scene", str(scene), "--json", str(figures)]) == 0
+        found.append(json.loads(figures.read_text())["evenness"]["planes"])
+    assert found[0] and found[0] == found[1]
+
+
 def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, triangle: str) -> None:
     figures = tmp_path / "new" / "figures.json"
     assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", "--json", str(figures)]) == 0

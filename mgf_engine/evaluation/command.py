@@ -66,9 +66,9 @@ def evaluate_command(args: argparse.Namespace) -> int:
     from mgf_engine.evaluation.model_cameras import colmap_pixel
 
     _check(args)
-    mesh, figures = _read_mesh(args.mesh), dict[str, Any]()
+    mesh, figures = _read_mesh(args.mesh, args.scene is None), dict[str, Any]()
     if args.scan is not None:
-        figures["scan"] = _compare_with_scan(args, mesh)
+        figures["scan"] = _compare_with_scan(args, _read_mesh(args.mesh))
     if args.truth is not None:
         scores = _compare(args, mesh)
         print(table(scores))
@@ -120,14 +120,23 @@ def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     return scores
 
 
-def _read_mesh(path: Path) -> Surface:
-    """Read a mesh file, or the mesh of a job: in the coordinates of its CRS where it has true ones."""
+def _read_mesh(path: Path, georeferenced: bool = True) -> Surface:
+    """Read a mesh file, or the mesh of a job.
+
+    Args:
+        path: file or job folder.
+        georeferenced: whether a job's mesh is read in the coordinates of its CRS where it has them; else in those of
+            its COLMAP model.
+
+    Raises:
+        BadInput: the mesh or its georeference cannot be read.
+    """
     from mgf_engine.evaluation.surfaces import Surface, read_surface
 
     if not path.is_dir():
         return read_surface(path)
     folder = path / "georeferenced"
-    if not (folder / "mesh.ply").is_file():
+    if not georeferenced or not (folder / "mesh.ply").is_file():
         return read_surface(path / "mesh.ply")
     found = read_surface(folder / "mesh.ply")
     try:
