@@ -101,12 +101,12 @@ def test_options_of_the_command_reach_the_algorithms(site, tmp_path):
     parser = argparse.ArgumentParser(argument_default=argparse.SUPPRESS)
     add_arguments(parser)
     parser.add_argument("--crs")
-    given = ["--config", str(tmp_path / "options.json"), "--set", "control_points.accuracy=0.02", "--crs", CRS]
+    given = ["job", "--config", str(tmp_path / "options.json"), "--set", "control_points.accuracy=0.02", "--crs", CRS]
     options = make_config(read_options(parser.parse_args(given))).algorithm(GeoreferenceOptions)
     assert (options.crs, options.point.accuracy, options.position.outlier) == (CRS, 0.02, 6.0)
     for wrong in ("tsdf.band=3", "passes=3"):
         with pytest.raises(BadInput, match=f"does not use the option .{wrong[:-2]}."):
-            read_options(parser.parse_args(["--set", wrong]))
+            read_options(parser.parse_args(["job", "--set", wrong]))
 
 
 def test_a_mark_is_an_outlier_beyond_the_option(site):
