@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mgf_engine.evaluation.trust import Trust
+from mgf_engine.evaluation.confidence import ConfidenceShares
 
 _WORTH_SAYING = 0.1  # share of the area
 _FINER = 1.3  # how much larger than the working photos the originals are before it is worth saying
@@ -18,14 +18,14 @@ class JobFacts:
     """What advice depends on.
 
     Attributes:
-        trust: shares of the mesh by confidence, or None.
+        confidence: shares of the area of the mesh by it, or None.
         photo_side: longest side of the photos as taken, pixels.
         working_side: the same of the working photos.
         weak_masks: names of photos whose masks were not used.
         trained: whether the field was trained.
     """
 
-    trust: Trust | None
+    confidence: ConfidenceShares | None
     photo_side: int
     working_side: int
     weak_masks: tuple[str, ...]
@@ -39,17 +39,17 @@ def advice(facts: JobFacts) -> list[str]:
 
 def _photos(facts: JobFacts) -> Iterator[str]:
     """Say which photos are missing."""
-    if facts.trust is None:
+    if facts.confidence is None:
         return
-    thin = facts.trust.few + facts.trust.unseen
+    thin = facts.confidence.few + facts.confidence.unseen
     if thin > _WORTH_SAYING:
         yield (
             f"{thin:.0%} of the surface is shown by fewer than three photos (violet and blue above): photograph "
             "these places, each from three positions or more, a few steps apart."
         )
-    if facts.trust.plain > _WORTH_SAYING:
+    if facts.confidence.plain > _WORTH_SAYING:
         yield (
-            f"On {facts.trust.plain:.0%} of the surface (green above) the photos hardly correlate, as on plain, "
+            f"On {facts.confidence.plain:.0%} of the surface (green above) the photos hardly correlate, as on plain, "
             "mirroring or dark parts: closer and sharper photos in even light show more of its grain."
         )
 

@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.evaluation.confidence import ConfidenceShares
 from mgf_engine.evaluation.curve import curve_svg
 from mgf_engine.evaluation.evenness import Evenness
 from mgf_engine.evaluation.images import Scores, mean_scores
 from mgf_engine.evaluation.lpips import how_to_get
 from mgf_engine.evaluation.pictures import ERROR_LIMIT
-from mgf_engine.evaluation.trust import Trust, trust_as_shares
 from mgf_engine.images import read_rgb
 from mgf_engine.system import atomic_path, write_json
 
@@ -90,8 +90,8 @@ class ReportData:
         turntable: RGB pictures of the mesh from all around.
         relief: pictures of it from fewer sides, without colours and lit from the side.
         evenness: its largest planes and how even they are, or None.
-        trust: shares of its area by how well photos confirm them, or None.
-        trust_pictures: pictures of it coloured by confidence.
+        confidence: shares of its area by how well photos confirm them, or None.
+        confidence_pictures: pictures of it coloured by confidence.
         advice: sentences on what would make the next mesh better.
         pixel: what a pixel of the working photos covers on the building, as text; empty where nobody knows.
         contact_sheet: picture of all masks, or None.
@@ -122,8 +122,8 @@ class ReportData:
     turntable: list[Picture] = field(default_factory=list)
     relief: list[Picture] = field(default_factory=list)
     evenness: Evenness | None = None
-    trust: Trust | None = None
-    trust_pictures: list[Picture] = field(default_factory=list)
+    confidence: ConfidenceShares | None = None
+    confidence_pictures: list[Picture] = field(default_factory=list)
     advice: list[str] = field(default_factory=list)
     pixel: str = ""
     contact_sheet: Path | None = None
@@ -155,7 +155,7 @@ def report_figures(data: ReportData) -> dict[str, Any]:
 
     Keys: ``format, title, command, seed, config, given, held_out`` and ``training`` (mean scores), ``views`` (scores
     per view), ``counts, stages, seconds, iterations, seconds_per_part, mesh_seconds_per_part, curve, versions, machine,
-    kernel, peak_memory, warnings, advice, files, figures, evenness, trust, georeference``.
+    kernel, peak_memory, warnings, advice, files, figures, evenness, confidence, georeference``.
     """
     held_out, training = _means(data)
     result = {
@@ -171,7 +171,8 @@ def report_figures(data: ReportData) -> dict[str, Any]:
         "mesh_seconds_per_part": data.mesh_seconds_per_part, "curve": data.curve,
         "versions": data.versions, "machine": data.machine, "kernel": data.kernel, "peak_memory": data.peak_memory,
         "warnings": data.warnings, "advice": data.advice, "files": data.files, "figures": data.figures,
-        "evenness": data.evenness.as_dict() if data.evenness else None, "trust": trust_as_shares(data.trust),
+        "evenness": data.evenness.as_dict() if data.evenness else None,
+        "confidence": asdict(data.confidence) if data.confidence else {},
         "georeference": data.georeference,
     }  # fmt: skip
     plain: dict[str, Any] = plain_data(result)
@@ -199,7 +200,7 @@ def _render(data: ReportData) -> str:
         shown=[(v, [(caption, embed(p)) for caption, p in v.pictures.items()]) for v in shown],
         turntable=[embed(p) for p in data.turntable],
         relief=[embed(p) for p in data.relief],
-        trust_pictures=[embed(p) for p in data.trust_pictures],
+        confidence_pictures=[embed(p) for p in data.confidence_pictures],
         contact_sheet=embed(data.contact_sheet, _CONTACT_SIDE) if data.contact_sheet else "",
         captions={caption for v in shown for caption in v.pictures},
         trained=data.iterations > 0,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import as_dict
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.advice import JobFacts, advice
+from mgf_engine.evaluation.confidence import colored_by_confidence, measure_confidence
 from mgf_engine.evaluation.curve import curve_svg
 from mgf_engine.evaluation.evenness import Evenness, measure_evenness, typical_pixel
 from mgf_engine.evaluation.images import Scores, mean_scores, score
@@ -24,7 +25,6 @@ from mgf_engine.evaluation.pictures import error_picture, mask_overlay, normal_p
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, shrunk, write_report
 from mgf_engine.evaluation.story import placing
 from mgf_engine.evaluation.surfaces import Surface
-from mgf_engine.evaluation.trust import in_colors_of_trust, measure_trust
 from mgf_engine.export.views import render_view
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit
@@ -46,7 +46,7 @@ from mgf_engine.texture.draw import draw_textured
 
 _TRAINING_VIEWS_SHOWN = 3
 _RELIEF_SIDES = 4
-_TRUST_SIDES = 4
+_CONFIDENCE_SIDES = 4
 _BYTES_PER_PIXEL = 300  # of a photo while it is compared with its rendering (measured)
 
 
@@ -105,9 +105,11 @@ def report_job(
     data.lpips = lpips.name if lpips else ""
     data.curve_drawing, data.turntable = drawing, list(turned)
     data.relief, data.evenness = list(relief), evenness
-    data.trust = measure_trust(mesh)
-    if data.trust is not None:
-        data.trust_pictures = list(turntable(in_colors_of_trust(mesh), scene, _TRUST_SIDES, grey_behind=True))
+    data.confidence = measure_confidence(mesh)
+    if data.confidence is not None:
+        data.confidence_pictures = list(
+            turntable(colored_by_confidence(mesh), scene, _CONFIDENCE_SIDES, grey_behind=True)
+        )
     data.pixel = _pixel(evenness, fit)
     data.advice = advice(_facts(scene, masks, data))
     data.georeference, data.georeference_html = georeference_figures(fit), georeference_html(fit, scene)
@@ -160,7 +162,7 @@ def _pixel(evenness: Evenness | None, fit: GeoreferenceFit) -> str:
 def _facts(scene: Scene, masks: MaskSet, data: ReportData) -> JobFacts:
     """Collect what advice depends on."""
     return JobFacts(
-        data.trust,
+        data.confidence,
         photo_side=max(max(view.original_width, view.original_height) for view in scene.views),
         working_side=max(max(view.width, view.height) for view in scene.views),
         weak_masks=tuple(view.name for view, used in zip(scene.views, masks.used, strict=True) if not used),
@@ -225,7 +227,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
             "photos with a usable mask": int(masks.used.sum()),
             "sparse points": len(scene.points), "points on the building": int(masks.point_mask.sum()),
             "Gaussians at the start": trained["start_gaussians"], "Gaussians": trained["gaussians"],
-            "vertices": len(mesh.vertices), "faces": len(mesh.faces), **_trust(job),
+            "vertices": len(mesh.vertices), "faces": len(mesh.faces), **_confidence(job),
         },
         stages=stages,
         iterations=trained["iterations"],
@@ -248,7 +250,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
     )  # fmt: skip
 
 
-def _trust(job: Job) -> dict[str, float]:
+def _confidence(job: Job) -> dict[str, float]:
     """Summarise the confidence of the mesh, where its surface has one (see ``TsdfField.observations``)."""
     figures = job.stages["mesh"]["figures"]
     names = {"confidence": "confidence of the mesh (0..1, mean)", "unseen_share": "share of it that no photo shows"}

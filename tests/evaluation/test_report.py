@@ -17,11 +17,11 @@ import torch
 
 from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.evaluation.confidence import ConfidenceShares
 from mgf_engine.evaluation.curve import curve_svg, smoothed
 from mgf_engine.evaluation.evenness import Evenness, Plane
 from mgf_engine.evaluation.images import score
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
-from mgf_engine.evaluation.trust import Trust
 from mgf_engine.export import report as job_report
 from mgf_engine.images import write_png
 
@@ -47,7 +47,7 @@ def data(tmp_path: Path) -> ReportData:
         versions={"python": "3.11"}, machine={"processor": "Fast One"}, kernel="avx2", peak_memory=2_100_000_000,
         warnings=["One photo is <odd>; look at it."], turntable=[np.zeros((12, 16, 3), np.uint8)] * 8,
         relief=[np.zeros((12, 16, 3), np.uint8)] * 4, evenness=Evenness(0.02, (Plane(0.5, 0.61, 3.25, 11.5),)),
-        trust=Trust(0.613, 0.2, 0.1, 0.087), trust_pictures=[np.zeros((12, 16, 3), np.uint8)] * 4,
+        confidence=ConfidenceShares(0.613, 0.2, 0.1, 0.087), confidence_pictures=[np.zeros((12, 16, 3), np.uint8)] * 4,
         advice=["Take a photo of the <back>."], pixel="12 mm",
         contact_sheet=tmp_path / "sheet.png", files={"mesh": "mesh.ply"}, figures={"f1": np.float32(0.5)},
     )  # fmt: skip
@@ -140,7 +140,7 @@ def test_figures(data: ReportData, tmp_path: Path) -> None:
     assert figures["training"]["lpips"] is None
     assert figures["seconds"] == 241.5 and figures["seed"] == 0 and figures["figures"] == {"f1": 0.5}
     assert figures["evenness"]["planes"][0]["angle_90"] == figures["evenness"]["mean"]["angle_90"] == 11.5
-    assert figures["trust"] == {"agreed": 0.613, "plain": 0.2, "few": 0.1, "unseen": 0.087}
+    assert figures["confidence"] == {"agreed": 0.613, "plain": 0.2, "few": 0.1, "unseen": 0.087}
     assert figures["advice"] == ["Take a photo of the <back>."]
     assert figures["config"]["preset"] == "draft" and len(figures["views"]) == 4
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.json", "sheet.png"]

@@ -120,7 +120,7 @@ def test_everything_promised_is_in_the_job_folder(finished) -> None:
     report = json.loads((job / "report.json").read_text())
     assert report["held_out"]["psnr"] > 17
     assert [s["name"] for s in report["stages"]] == ["scene", "masks", "field", "mesh"]
-    assert sum(report["trust"].values()) == pytest.approx(1) and report["trust"]["agreed"] > 0.2
+    assert sum(report["confidence"].values()) == pytest.approx(1) and report["confidence"]["agreed"] > 0.2
     manifest = json.loads((job / "deliver.json").read_text())
     held_out = [v for v in manifest["views"] if v["held_out"]]
     assert held_out

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a mesh is to be trusted, place by place: shares of its area by confidence, and colours that show where."""
+"""Shares of the area of a mesh by its confidence, and colours that show where it is how high."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import cv2
@@ -20,7 +19,7 @@ _AGREED = 0.75
 
 
 @dataclass(frozen=True)
-class Trust:
+class ConfidenceShares:
     """Shares of the area of a mesh (0..1, together 1) by how well photos confirm them.
 
     Attributes:
@@ -36,7 +35,7 @@ class Trust:
     unseen: float
 
 
-def measure_trust(mesh: Mesh) -> Trust | None:
+def measure_confidence(mesh: Mesh) -> ConfidenceShares | None:
     """Measure the shares; None for a mesh without ``confidence`` and ``views``, or without an area."""
     areas = vertex_areas(mesh)
     if not {"confidence", "views"} <= set(mesh.values) or not areas.sum() > 0:
@@ -47,16 +46,11 @@ def measure_trust(mesh: Mesh) -> Trust | None:
     def share(of: NDArray[np.bool_]) -> float:
         return float(areas[of].sum() / areas.sum())
 
-    return Trust(share(agreed), share(three & ~agreed), share(~unseen & ~three), share(unseen))
+    return ConfidenceShares(share(agreed), share(three & ~agreed), share(~unseen & ~three), share(unseen))
 
 
-def in_colors_of_trust(mesh: Mesh) -> Mesh:
+def colored_by_confidence(mesh: Mesh) -> Mesh:
     """Return the mesh coloured from violet (confidence 0) to yellow (1), as the add-on shows it."""
     grey = (255 * np.clip(mesh.values["confidence"], 0, 1)).round().astype(np.uint8)
     colors = cv2.applyColorMap(grey[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
     return replace(mesh, colors=np.ascontiguousarray(colors))
-
-
-def trust_as_shares(trust: Trust | None) -> Mapping[str, float]:
-    """Return the shares, name -> 0..1, for ``report.json``; empty where nobody knows."""
-    return {} if trust is None else dict(vars(trust))

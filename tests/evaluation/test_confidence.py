@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.evaluation.advice import JobFacts, advice
-from mgf_engine.evaluation.trust import Trust, in_colors_of_trust, measure_trust
+from mgf_engine.evaluation.confidence import ConfidenceShares, colored_by_confidence, measure_confidence
 from mgf_engine.model.mesh import Mesh
 
 
@@ -23,33 +23,36 @@ def four_squares(confidence: list[float], views: list[int]) -> Mesh:
 
 
 def test_the_area_is_shared_out_by_what_photos_confirm() -> None:
-    trust = measure_trust(four_squares([0.9, 0.6, 0.3, 0.0], [5, 3, 1, 0]))
-    assert trust == Trust(*[pytest.approx(0.25)] * 4)
-    scarce = measure_trust(four_squares([0.9, 0.9, 0.9, 0.9], [5, 5, 5, 0]))
+    shares = measure_confidence(four_squares([0.9, 0.6, 0.3, 0.0], [5, 3, 1, 0]))
+    assert shares == ConfidenceShares(*[pytest.approx(0.25)] * 4)
+    scarce = measure_confidence(four_squares([0.9, 0.9, 0.9, 0.9], [5, 5, 5, 0]))
     assert scarce is not None and scarce.unseen == pytest.approx(0.25) and scarce.agreed == pytest.approx(0.75)
 
 
 def test_a_mesh_without_confidence_has_no_shares() -> None:
     mesh = four_squares([1, 1, 1, 1], [3, 3, 3, 3])
-    assert measure_trust(replace(mesh, values={})) is None
-    assert measure_trust(replace(mesh, vertices=np.zeros_like(mesh.vertices))) is None
+    assert measure_confidence(replace(mesh, values={})) is None
+    assert measure_confidence(replace(mesh, vertices=np.zeros_like(mesh.vertices))) is None
 
 
 def test_what_is_confirmed_is_yellow_and_what_is_not_violet() -> None:
-    colors = in_colors_of_trust(four_squares([1, 0.5, 0.5, 0], [3, 3, 3, 0])).colors.astype(int)
+    colors = colored_by_confidence(four_squares([1, 0.5, 0.5, 0], [3, 3, 3, 0])).colors.astype(int)
     (red, green, blue), (dark_red, dark_green, dark_blue) = colors[0], colors[-1]
     assert red > 200 and green > 200 and blue < 100
     assert dark_blue > dark_green and dark_red > dark_green
 
 
-GOOD = JobFacts(Trust(0.95, 0.05, 0, 0), 1000, 1000, (), trained=True)
+GOOD = JobFacts(ConfidenceShares(0.95, 0.05, 0, 0), 1000, 1000, (), trained=True)
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"trust": Trust(0.5, 0.05, 0.25, 0.2)}, "45% of the surface is shown by fewer than three photos"),
-        ({"trust": Trust(0.6, 0.4, 0, 0)}, "On 40% of the surface"),
+        (
+            {"confidence": ConfidenceShares(0.5, 0.05, 0.25, 0.2)},
+            "45% of the surface is shown by fewer than three photos",
+        ),
+        ({"confidence": ConfidenceShares(0.6, 0.4, 0, 0)}, "On 40% of the surface"),
         ({"weak_masks": tuple("abcdefg")}, "not used: a, b, c, d, e and 2 more."),
         ({"photo_side": 6000}, "--resolution 2000"),
         ({"photo_side": 1500}, "--resolution 1500"),
@@ -62,4 +65,4 @@ def test_advice_follows_from_the_figures(change, said) -> None:
 
 
 def test_there_is_no_advice_where_nothing_is_wanting() -> None:
-    assert advice(GOOD) == advice(replace(GOOD, trust=None)) == []
+    assert advice(GOOD) == advice(replace(GOOD, confidence=None)) == []
