@@ -61,28 +61,36 @@ def evaluate_command(args: argparse.Namespace) -> int:
     Raises:
         BadInput: a mesh or scene that cannot be used, impossible numbers, or a place that cannot be written.
     """
-    # The command line asks this module for its arguments; it need not load scipy and igl for that.
-    from mgf_engine.evaluation.evenness import measure_evenness
-    from mgf_engine.evaluation.model_cameras import colmap_pixel
-
     _check(args)
-    mesh, figures = _read_mesh(args.mesh, args.scene is None), dict[str, Any]()
+    figures = dict[str, Any]()
     if args.scan is not None:
         figures["scan"] = _compare_with_scan(args, _read_mesh(args.mesh))
-    if args.truth is not None:
-        scores = _compare(args, mesh)
-        print(table(scores))
-        figures = scores.as_dict()
-    if args.scene is not None:
-        evenness = measure_evenness(mesh, colmap_pixel(args.scene, args.photo_size))
-        print(evenness_table(evenness))
-        figures["evenness"] = evenness.as_dict()
+    if args.truth is not None or args.scene is not None:
+        figures |= _measure(args)
     if args.json:
         try:
             write_json(args.json, figures)
         except OSError as error:
             raise BadInput(f"Cannot write the figures '{args.json}' ({error.strerror}); give another place.") from error
     return EXIT_DONE
+
+
+def _measure(args: argparse.Namespace) -> dict[str, Any]:
+    """Print what the truth and the evenness of the walls say about the mesh; returns the figures."""
+    # The command line asks this module for its arguments; it need not load scipy and igl for that.
+    from mgf_engine.evaluation.evenness import measure_evenness
+    from mgf_engine.evaluation.model_cameras import colmap_pixel
+
+    mesh, figures = _read_mesh(args.mesh, georeferenced=args.scene is None), dict[str, Any]()
+    if args.truth is not None:
+        scores = _compare(args, mesh)
+        print(table(scores))
+        figures |= scores.as_dict()
+    if args.scene is not None:
+        evenness = measure_evenness(mesh, colmap_pixel(args.scene, args.photo_size))
+        print(evenness_table(evenness))
+        figures["evenness"] = evenness.as_dict()
+    return figures
 
 
 def _check(args: argparse.Namespace) -> None:

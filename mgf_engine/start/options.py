@@ -113,7 +113,7 @@ class PlaneOptions:
     common_rank: float = parameter(
         0.05, "Singular value, as a share of the largest, up to which a point does not move along a direction", high=1
     )
-    most: int = parameter(62, "Maximum number of planes, each with lines that lie on no stronger one", low=1)
+    most: int = parameter(62, "Maximum number of planes, without those of separate", low=1)
     separate: float = parameter(
         0.4,
         "Minimum strength of a plane whose lines lie on others and that has no parallel plane within rectangle_layer, "

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from mgf_engine.start.lines import Line
 from mgf_engine.start.options import PlaneOptions
-from mgf_engine.start.planes import LinePlanes
+from mgf_engine.start.planes import LinePlanes, parallel_beside
 
 
 def plane_points(
@@ -55,10 +55,8 @@ def plane_points(
 
 def _beside_stronger(planes: LinePlanes, number: int, distance: float, o: PlaneOptions) -> bool:
     """Tell whether a stronger parallel plane lies just beside a plane."""
-    plane = planes.planes[number]
-    cosine = planes.planes[:, :3] @ plane[:3]
-    beside = np.abs(planes.planes[:, 3] * np.sign(cosine) - plane[3]) < distance
-    return bool((beside & (np.abs(cosine) > o.layer_cosine) & (planes.strength > planes.strength[number])).any())
+    beside = parallel_beside(planes.planes, planes.planes[number], o.layer_cosine, distance)
+    return bool((beside & (planes.strength > planes.strength[number])).any())
 
 
 def _contradicted(

@@ -147,8 +147,8 @@ class _Selection:
             plane, mine = self._fit(best)
             if not len(mine):
                 continue
-            alive &= ~_beside(self.candidates, plane, self.o.same_cosine, distance)
-            if not _beside(self.planes, plane, self.o.same_cosine, distance).any():
+            alive &= ~parallel_beside(self.candidates, plane, self.o.same_cosine, distance)
+            if not parallel_beside(self.planes, plane, self.o.same_cosine, distance).any():
                 self._add(plane, mine)
 
     def take_separate(self) -> None:
@@ -161,15 +161,16 @@ class _Selection:
         distance, least = self.o.rectangle_layer * self.pixel, self.o.separate * float(np.median(self.strength))
         alive = self.regular.copy()
         for plane in self.planes:
-            alive &= ~_beside(self.candidates, plane, self.o.layer_cosine, distance)
+            alive &= ~parallel_beside(self.candidates, plane, self.o.layer_cosine, distance)
         gain = self._gain((1.0, 1.0))
         order = np.argsort(-gain, kind="stable")
         for number in order[(alive & (gain >= self.o.least))[order]]:
-            plane, mine = self._fit(int(number))
-            if not alive[number] or not len(mine) or self._strength(mine) < least:
+            if not alive[number]:
                 continue
-            alive &= ~_beside(self.candidates, plane, self.o.layer_cosine, distance)
-            self._add(plane, mine)
+            plane, mine = self._fit(int(number))
+            if len(mine) and self._strength(mine) >= least:
+                alive &= ~parallel_beside(self.candidates, plane, self.o.layer_cosine, distance)
+                self._add(plane, mine)
 
     def _gain(self, carried: tuple[float, float]) -> NDArray[np.float64]:
         """Return the weighted length in px of the lines on each candidate, [C].
@@ -210,10 +211,17 @@ def _lines_on_planes(planes: NDArray[np.float64], lines: _Lines, near: float) ->
     return np.asarray(np.all([np.abs(planes[:, :3] @ p.T + planes[:, 3:]) < near for p in ends], axis=0))
 
 
-def _beside(
+def parallel_beside(
     planes: NDArray[np.float64], plane: NDArray[np.float64], cosine: float, distance: float
 ) -> NDArray[np.bool_]:
-    """Tell which planes [K, 4] are parallel to one [4] and within ``distance`` of it, bool [K]."""
+    """Tell which planes are parallel to one and near it, bool [K].
+
+    Args:
+        planes: [K, 4].
+        plane: the one, [4].
+        cosine: between their normals from which two planes are parallel.
+        distance: up to which they are near, in the units of the offsets.
+    """
     along = planes[:, :3] @ plane[:3]
     near = np.abs(planes[:, 3] * np.sign(along) - plane[3]) < distance
     return np.asarray((np.abs(along) > cosine) & near)

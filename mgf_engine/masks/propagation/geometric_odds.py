@@ -22,7 +22,8 @@ from mgf_engine.masks.geometry.point_features import clicked_groups, measure_poi
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
 from mgf_engine.masks.geometry.superstructures import find_superstructures
-from mgf_engine.masks.prompts import Prompts
+from mgf_engine.masks.points import pixel_at
+from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.scene import View
@@ -111,8 +112,9 @@ class GeometricOdds:
         extent = self._extent(np.concatenate([keep, added]) & ~floaters, ground, others)
         tied = self._tied_to_building(keep, points, appearance, graph.clicked_regions(prompts))
         within = np.zeros(graph.point_count)
-        positive = {i: clicks.positive for i, clicks in prompts.items()}
-        geometry = parallel_map(lambda i: self._geometry(extent, i, tied, positive.get(i)), views, graph.threads)
+        geometry = parallel_map(
+            lambda i: self._geometry(extent, i, tied, prompts.get(i, Clicks()).positive), views, graph.threads
+        )
         for index, (odds, first, inside) in zip(views, geometry, strict=True):
             part = slice(graph.start[index], graph.start[index + 1])
             region_odds[part] += odds
@@ -202,7 +204,7 @@ class GeometricOdds:
         return np.clip((tied - low) / (high - low), 0, 1)
 
     def _geometry(
-        self, extent: BuildingExtent, index: int, tied: Array, clicks: Array | None
+        self, extent: BuildingExtent, index: int, tied: Array, clicks: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
         """Return the log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within
         [P].
@@ -211,21 +213,22 @@ class GeometricOdds:
             extent: of the building.
             index: of the view.
             tied: how likely regions belong to the building although no point of it is near, 0..1, [regions].
-            clicks: positive ones of the view, working pixels [N, 2]; None without.
+            clicks: positive ones of the view, working pixels [N, 2].
         """
-        place, view = extent.place(index), self.graph.scene.views[index]
+        place = extent.place(index)
         sure = 1 - tied[self.graph.start[index] : self.graph.start[index + 1]]
-        if clicks is not None and self._clicks_beyond(place, clicks / (view.width, view.height)):
+        view = self.graph.scene.views[index]
+        if self._clicks_beyond(place, view, clicks):
             # The building is larger in this photo than its points: their hull does not tell where it ends.
             place = replace(place, hull=np.ones_like(place.hull))
         odds, first = self._region_odds(place, self.graph.regions[index], view, sure)
         seen = self.visibility.owner[self.graph.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
 
-    def _clicks_beyond(self, place: ViewRegions, clicks: Array) -> bool:
-        """Tell whether a click [N, 2], as shares of the photo's sides, lies well beyond the building's points."""
+    def _clicks_beyond(self, place: ViewRegions, view: View, clicks: Array) -> bool:
+        """Tell whether one of the clicks, working pixels [N, 2], lies well beyond the building's points."""
         h, w = place.hull.shape
-        x, y = np.clip(np.floor(clicks * (w, h)).astype(np.int64), 0, (w - 1, h - 1)).T
+        y, x = pixel_at((h, w), clicks * (w / view.width, h / view.height))
         return bool((~place.hull[y, x] & (place.away[y, x] > self.options.far_from)).any())
 
     def extent(self, keep: NDArray[np.bool_], ground: GroundPlane | None, prompts: Prompts) -> BuildingExtent:

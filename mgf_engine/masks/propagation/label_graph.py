@@ -99,8 +99,7 @@ class LabelGraph:
 
     def unclicked_sky(self, prompts: Prompts) -> NDArray[np.bool_]:
         """Return nodes that are sky, [N]; what a click calls building is none."""
-        clicked = [self.regions[i].at(c.positive) + self.start[i] for i, c in prompts.items() if len(c.positive)]
-        taken = self.sky[np.concatenate(clicked)] if clicked else np.zeros(0, np.int64)
+        taken = self.sky[: self.region_count][self.clicked_regions(prompts)]
         return (self.sky > 0) & ~np.isin(self.sky, taken)
 
     def points_at(self, index: int, clicks: Array) -> NDArray[np.int64]:
