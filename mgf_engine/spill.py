@@ -23,7 +23,7 @@ class Spill:
     """
 
     def __init__(self) -> None:
-        self._room, self._folder = share(_SHARE, 2**62), scratch()
+        self._budget, self._folder = share(_SHARE, 2**62), scratch()
         self._file: Any = None
         self._maps: list[mmap.mmap] = []
 
@@ -33,10 +33,10 @@ class Spill:
         Raises:
             OSError: the disk is full.
         """
-        if array.nbytes <= self._room or self._folder is None or not array.nbytes:
-            self._room -= array.nbytes
+        if array.nbytes <= self._budget or self._folder is None or not array.nbytes:
+            self._budget -= array.nbytes
             return array
-        self._room = 0
+        self._budget = 0
         if self._file is None:
             self._file = tempfile.TemporaryFile(dir=self._folder, prefix="spill-")  # noqa: SIM115 (mapped as long as the arrays)
         begin = -(-self._file.seek(0, 2) // _PAGE) * _PAGE

@@ -18,7 +18,7 @@ from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.masks import building
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.scene.photos import Room
+from mgf_engine.scene.photos import PhotoMemory
 from mgf_engine.texture.bake import barycentric, look_up
 from mgf_engine.texture.painting import Painting
 
@@ -96,14 +96,14 @@ def paint(
     order = np.argsort(view, kind="stable")
     used, start = np.unique(view[order], return_index=True)
     parts = np.split(pixel[order], start[1:])
-    room, face = Room(), seen.face.ravel()
+    memory, face = PhotoMemory(), seen.face.ravel()
 
     def colors(k: int) -> NDArray[np.uint8]:
         index = int(used[k])
         camera, points = painting.views[index], survey.normalise(seen.points(parts[k]))
         size = np.median(camera.project(points)[1]) / camera.fx  # of a working pixel, normalised frame
         scale = size / (seen.grid.resolution * _shrink(survey))
-        with room.photo(camera.original_width, camera.original_height):
+        with memory.reserve(camera.original_width, camera.original_height):
             painted = look_up(camera, painting.source(index), points, float(scale)).astype(np.float64)
         painted += _correction(survey, painting, face[parts[k]], index, points)
         return np.clip(np.rint(painted), 0, 255).astype(np.uint8)

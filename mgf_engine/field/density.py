@@ -79,10 +79,10 @@ def refine(
     pruned = int((~alive).sum())
     optimiser.keep(alive)
     score = score[alive]
-    room = min(budget - len(optimiser.field), int(options.growth * len(optimiser.field)))
-    if not grow or room <= 0:
+    growth = min(budget - len(optimiser.field), int(options.growth * len(optimiser.field)))
+    if not grow or growth <= 0:
         return RefineResult(0, pruned)
-    chosen = torch.topk(score, min(room, len(score))).indices
+    chosen = torch.topk(score, min(growth, len(score))).indices
     chosen = chosen[score[chosen] > options.least_error]
     if len(chosen) == 0:
         return RefineResult(0, pruned)

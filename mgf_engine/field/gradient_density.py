@@ -85,8 +85,7 @@ def refine_by_gradient(
         gradient, chosen = _pulled(stats, covered, options)
     chosen, gradient = chosen[alive], gradient[alive]
     optimiser.keep(alive)
-    room = options.max_gaussians - len(optimiser.field)
-    chosen &= _largest(gradient, chosen, room)
+    chosen &= _largest(gradient, chosen, options.max_gaussians - len(optimiser.field))
     with torch.no_grad():
         large = chosen & (optimiser.field.scales.amax(1) > options.clone_below * extent)
         clones, parents = optimiser.field.select(chosen & ~large), optimiser.field.select(large)

@@ -69,7 +69,7 @@ def total_loss(
     y0, y1, x0, x1 = target.box
     error = rendering.color.new_empty(y1 - y0, x1 - x0) if error_map is None else target.crop(error_map)
     weights = loss_weights(target, options, geometry)
-    terms = image_loss(rendering, target.photo_side, weights, backdrop, target.camera, error, backend)
+    terms = image_loss(rendering, target.loss_photo, weights, backdrop, target.camera, error, backend)
     color, geometric, background = (torch.as_tensor(v) for v in (terms.color, terms.geometry, terms.background))
     return LossTerms(terms.total, color, geometric, background, error)
 

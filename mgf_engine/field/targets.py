@@ -18,8 +18,8 @@ from mgf_engine.masks.boundaries import boundaries
 from mgf_engine.model.masks import BACKGROUND, BUILDING, building
 from mgf_engine.model.scene import View
 from mgf_engine.raster.camera import TILE, Camera
-from mgf_engine.raster.loss import PhotoSide
-from mgf_engine.raster.photo_side import photo_side
+from mgf_engine.raster.loss import LossPhoto
+from mgf_engine.raster.loss_photo import prepare_photo
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,11 @@ class Target:
         return plane[..., y0:y1, x0:x1]
 
     @cached_property
-    def photo_side(self) -> PhotoSide:
-        """The same maps as the loss kernels take them."""
+    def loss_photo(self) -> LossPhoto:
+        """The same maps as the loss kernels read them."""
         origin = (self.box[0], self.box[2])
         maps = self.image, self.labels, self.edges, self.background_band
-        return photo_side(*maps, self.count + 1, self.elements, origin)
+        return prepare_photo(*maps, self.count + 1, self.elements, origin)
 
     @cached_property
     def label_weight(self) -> Tensor:

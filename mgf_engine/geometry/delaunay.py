@@ -21,7 +21,8 @@ from mgf_engine.native.library import call
 
 _POLL_SECONDS = 0.1
 _BYTES = 250.0  # of the work, per point (measured: 6.3 tetrahedra of 33 bytes each, and 36 of the points)
-_USUAL, _MOST = 8, (2**31 - 1) // 4  # tetrahedra per point that room is made for first; tetrahedra that can be numbered
+_FIRST_CAPACITY = 8  # tetrahedra per point that arrays are allocated for at first
+_MOST = (2**31 - 1) // 4  # tetrahedra whose corners int32 can number
 _ROUND = 3  # of one round of points 2^3 times as many as of the one before are inserted
 _ROUNDS = 7
 _GRID = 2.0**53  # the kernel's coordinates are whole numbers of 1 / _GRID
@@ -127,14 +128,15 @@ def _made(points: Points, stop: NDArray[np.int32]) -> Tetrahedra:
     points *= _GRID
     np.rint(points, out=points)
     points /= _GRID
-    order, room = _insertion_order(points), min(_USUAL * len(points) + 64, _MOST)
+    order, capacity = _insertion_order(points), min(_FIRST_CAPACITY * len(points) + 64, _MOST)
     while True:
-        # Pages that nothing is written to take no memory: the room itself costs nothing.
-        corner, beyond, known = np.empty((room, 4), np.int32), np.empty((room, 4), np.int32), np.zeros(room, np.uint8)
-        count = call("mgf_delaunay", len(points), points, order, room, corner, beyond, known, stop)
-        if count != _MORE or room == _MOST:
+        # Pages that nothing is written to take no memory: spare capacity costs nothing.
+        corner, beyond = (np.empty((capacity, 4), np.int32) for _ in range(2))
+        known = np.zeros(capacity, np.uint8)
+        count = call("mgf_delaunay", len(points), points, order, capacity, corner, beyond, known, stop)
+        if count != _MORE or capacity == _MOST:
             break
-        room = min(2 * room, _MOST)
+        capacity = min(2 * capacity, _MOST)
     if count == _STOPPED:
         return np.zeros((0, 4), np.int32)
     if count == _FLAT:

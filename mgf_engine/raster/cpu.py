@@ -149,20 +149,23 @@ def project(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor |
 
 
 def bin_tiles(seen: Projection) -> TileLists:
-    """Return the lists of all tiles, front to back."""
+    """Return the lists of all tiles in ``seen.mask``, front to back.
+
+    Footprints and mask may have changed since ``seen.tile_counts`` were made; ``slots`` have no meaning then.
+    """
     frame, n = seen.frame, len(seen.records)
     tiles_y, tiles_x = seen.mask.shape
     order, slot_starts = frame.array(torch.int32, n), frame.array(torch.int64, n + 1)
     scratch = frame.array(torch.int32, 3 * n)
     count = call("mgf_sort", n, seen.depth_keys, seen.tile_counts, order, slot_starts, scratch)
-    entries = int(slot_starts[n])
-    check_entries(entries)
     places, ranges = (
         frame.array(torch.int32, _CHUNKS, tiles_x * tiles_y),
         frame.array(torch.int32, tiles_x * tiles_y + 1),
     )
     binning = (_CHUNKS, count, order, seen.footprints, seen.mask, tiles_x, tiles_y, places)
     parallel("mgf_bin_count", *binning)
+    entries = int(places.sum())  # not slot_starts[n]: footprints may have grown since their tiles were counted
+    check_entries(entries)
     call("mgf_bin_ranges", _CHUNKS, tiles_x * tiles_y, places, ranges)
     gid, slots = frame.array(torch.int32, entries), frame.array(torch.int32, entries)
     parallel("mgf_bin_fill", *binning, slot_starts, gid, slots)

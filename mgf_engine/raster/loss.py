@@ -22,10 +22,10 @@ from mgf_engine.native.library import parallel
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.camera import Intrinsics
 from mgf_engine.raster.device import backend_for
-from mgf_engine.raster.loss_inputs import LossWeights, PhotoSide
+from mgf_engine.raster.loss_inputs import LossPhoto, LossWeights
+from mgf_engine.raster.loss_photo import TILE_H
 from mgf_engine.raster.map_gradients import ALPHA, DEPTH, NORMAL, count_planes, split_planes
 from mgf_engine.raster.ms_ssim import ms_ssim
-from mgf_engine.raster.photo_side import TILE_H
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Terms:
 
 def image_loss(
     rendering: Rendering,
-    photo: PhotoSide,
+    photo: LossPhoto,
     weights: LossWeights,
     backdrop: Tensor,
     camera: Intrinsics,
@@ -51,7 +51,7 @@ def image_loss(
 
     Args:
         rendering: maps of the whole frame; depth, normal and distortion only count where their factor is not zero.
-        photo: photo and labels, worked out once (:func:`mgf_engine.raster.photo_side.photo_side`).
+        photo: photo and labels, prepared once (:func:`mgf_engine.raster.loss_photo.prepare_photo`).
         weights: of the terms.
         backdrop: float32 [3] on the CPU, colour behind the field inside the mask.
         camera: intrinsics of the whole frame.
@@ -118,7 +118,7 @@ class _Pass:
     """One comparison: scratch memory, gradients, and the kernels in order."""
 
     def __init__(
-        self, photo: PhotoSide, weights: LossWeights, backdrop: Tensor, error: Tensor, maps: list[Tensor]
+        self, photo: LossPhoto, weights: LossWeights, backdrop: Tensor, error: Tensor, maps: list[Tensor]
     ) -> None:
         self.photo, self.weights, self.error = photo, weights, error
         self.backdrop = backdrop.to(torch.float32).contiguous()

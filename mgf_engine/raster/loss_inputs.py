@@ -13,9 +13,10 @@ from torch import Tensor
 
 
 @dataclass(frozen=True)
-class PhotoSide:
-    """What a render is compared with, cut to a box of the frame; make it with
-    :func:`mgf_engine.raster.photo_side.photo_side`.
+class LossPhoto:
+    """The photo that a render is compared with, as the loss kernels read it, cut to a box of the frame.
+
+    Made by :func:`mgf_engine.raster.loss_photo.prepare_photo`.
 
     Attributes:
         image: uint8 [3, h, w].
@@ -50,7 +51,7 @@ class PhotoSide:
 
     @cached_property
     def copies(self) -> dict[Any, Any]:
-        """Hold the copies of this photo on cards (:func:`mgf_engine.raster.cuda.loss.photo_on`)."""
+        """Copies of this photo on GPUs (:func:`mgf_engine.raster.cuda.loss.photo_on`)."""
         return {}
 
 

@@ -6,18 +6,19 @@ The reference in float64 is :func:`mgf_engine.raster.reference_points.opacity_of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import call, parallel
 from mgf_engine.raster.camera import TILE, Camera, pose_and_intrinsics
-from mgf_engine.raster.cpu import RECORD, Parameters, check_entries
+from mgf_engine.raster.cpu import Parameters, TileLists, bin_tiles, project
 from mgf_engine.raster.device import backend_for
 
 if TYPE_CHECKING:
@@ -28,8 +29,6 @@ BACKGROUND, SEEN, UNSEEN = 0, 1, 2  # verdict of a view on a point
 NEAR = Camera.near  # nothing nearer to the camera counts, normalised frame
 
 BLOCKS = 16  # blocks of 4 x 4 pixels in a tile
-_CHUNKS = 16  # pieces that the tile lists are made in
-_FOOTPRINT = 8  # words
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def _check_mask(view: View, mask: NDArray[np.uint8]) -> None:
 
 
 class PointOpacity:
-    """Asks a field how opaque the space in front of points is.
+    """Evaluates how opaque a field is in front of points, seen from a view.
 
     Args:
         gaussians: the field, normalised frame.
@@ -71,8 +70,7 @@ class PointOpacity:
     """
 
     def __init__(self, gaussians: Gaussians, backend: str | None = None) -> None:
-        raw = Parameters.of_field(gaussians)
-        self._parameters = raw.all
+        self._parameters = Parameters.of_field(gaussians)
         with torch.no_grad():
             opacity = gaussians.opacities.clamp_min(1 / 255)
             reach = torch.sqrt(2 * torch.log(255 * opacity)).double()
@@ -86,7 +84,7 @@ class PointOpacity:
             from mgf_engine.raster.cuda.points import DevicePoints
 
             rasterizer = rasterizer_on(backend)
-            self._device = DevicePoints(rasterizer, raw, reach, torch.from_numpy(self._deviations))
+            self._device = DevicePoints(rasterizer, self._parameters, reach, torch.from_numpy(self._deviations))
 
     def lower(
         self,
@@ -122,11 +120,12 @@ class PointOpacity:
         call("mgf_sort_points", len(points), where.block, tiles * BLOCKS, order, starts)
         listed = np.diff(starts[::BLOCKS]) > 0
         if listed.any():
-            records, gid, ranges = self._tile_lists(view, listed.astype(np.uint8), tiles_x, tiles_y)
+            lists = self._tile_lists(view, torch.from_numpy(listed.reshape(tiles_y, tiles_x)))
             failed = np.zeros(1, np.int32)
-            front = self._front(view)
-            arguments = (records, gid, ranges, front, where.place, order, starts, NEAR, float(stop), lowest, failed)
-            parallel("mgf_point_opacity", tiles, *arguments)
+            tile_lists = (lists.records, lists.gid, lists.ranges, self._front(view))
+            parallel(
+                "mgf_point_opacity", tiles, *tile_lists, where.place, order, starts, NEAR, float(stop), lowest, failed
+            )
             if failed[0]:
                 raise MemoryError("Not enough memory for the opacity of points; use fewer Gaussians.")
         return where.verdict
@@ -138,29 +137,11 @@ class PointOpacity:
         deviation = np.linalg.norm(np.einsum("nik,i->nk", self._deviations, axis), axis=1)
         return (depth - 1.001 * self._reach * deviation - 1e-6).astype(np.float32)
 
-    def _tile_lists(self, view: View, mask: NDArray[np.uint8], tiles_x: int, tiles_y: int) -> tuple[Any, Any, Any]:
-        """Return records [n, 32], and per tile the Gaussians whose grown footprint touches it, front to back."""
-        n, tiles = len(self._centres), tiles_x * tiles_y
-        sums = np.zeros((tiles_y, tiles_x + 1), np.int32)
-        np.cumsum(mask.reshape(tiles_y, tiles_x), axis=1, out=sums[:, 1:])
-        records, footprints = np.zeros((n, RECORD), np.float32), np.zeros((n, _FOOTPRINT), np.float32)
-        counts, keys = np.zeros(n, np.int32), np.zeros(n, np.uint32)
-        every = np.tile(np.arange(tiles_x + 1, dtype=np.int32), (tiles_y, 1))
-        outputs = (records, footprints, counts, keys)
-        parallel(
-            "mgf_project", n, Camera.from_view(view).packed(), *self._parameters, 0, tiles_x, tiles_y, every, *outputs
-        )
-        call("mgf_grow_footprints", n, records, footprints)
-        order, slots = np.empty(n, np.int32), np.empty(n + 1, np.int64)
-        drawn = call("mgf_sort", n, keys, counts, order, slots, np.empty(3 * n, np.uint32))
-        places, ranges = np.empty((_CHUNKS, tiles), np.int32), np.empty(tiles + 1, np.int32)
-        grid = (mask, tiles_x, tiles_y, places)
-        parallel("mgf_bin_count", _CHUNKS, drawn, order, footprints, *grid)
-        check_entries(int(places.sum(dtype=np.int64)))  # footprints have grown since their tiles were counted
-        call("mgf_bin_ranges", _CHUNKS, tiles, places, ranges)
-        gid = np.empty(max(int(ranges[-1]), 1), np.int32)
-        parallel("mgf_bin_fill", _CHUNKS, drawn, order, footprints, *grid, slots, gid, np.empty_like(gid))
-        return records, gid, ranges
+    def _tile_lists(self, view: View, listed: Tensor) -> TileLists:
+        """Return, for each of the ``listed`` tiles [tiles_y, tiles_x], the Gaussians that may cover a point in it."""
+        seen = project(self._parameters, Camera.from_view(view), 0, None)
+        call("mgf_grow_footprints", len(seen.records), seen.records, seen.footprints)
+        return bin_tiles(replace(seen, mask=listed.to(torch.uint8)))
 
 
 def deviations(gaussians: Gaussians) -> NDArray[np.float64]:

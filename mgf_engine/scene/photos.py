@@ -124,10 +124,10 @@ def make_photos(
     return unreadable
 
 
-class Room:
-    """Lets photos be open at the same time, on as many threads as there are, within the budget for all of them.
+class PhotoMemory:
+    """Memory budget of the photos that threads decode at the same time.
 
-    One photo is always let in, however large.
+    One photo always fits, however large.
     """
 
     def __init__(self) -> None:
@@ -135,11 +135,11 @@ class Room:
         self._changed = threading.Condition()
 
     @contextmanager
-    def photo(self, width: int, height: int) -> Iterator[None]:
-        """Wait until a photo of ``width`` x ``height`` pixels fits into memory, and reserve it inside the block."""
-        wanted, room = width * height * _BYTES_PER_PIXEL, share(_SHARE, _MEMORY)
+    def reserve(self, width: int, height: int) -> Iterator[None]:
+        """Wait until a photo of ``width`` x ``height`` pixels fits, and reserve its memory inside the block."""
+        wanted, budget = width * height * _BYTES_PER_PIXEL, share(_SHARE, _MEMORY)
         with self._changed:
-            self._changed.wait_for(lambda: self._taken == 0 or self._taken + wanted <= room)
+            self._changed.wait_for(lambda: self._taken == 0 or self._taken + wanted <= budget)
             self._taken += wanted
         try:
             yield

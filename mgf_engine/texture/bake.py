@@ -17,7 +17,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
-from mgf_engine.scene.photos import Room
+from mgf_engine.scene.photos import PhotoMemory
 from mgf_engine.texture.charts import ChartOptions
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
 from mgf_engine.texture.painting import Painting
@@ -72,14 +72,14 @@ class _Painter:
 
     def __init__(self, mesh: Mesh, layout: Layout, painting: Painting, face: NDArray[np.int32]) -> None:
         self.mesh, self.layout, self.painting, self.face = mesh, layout, painting, face.ravel()
-        self._room = Room()
+        self._memory = PhotoMemory()
 
     def paint(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return colours [N, 3] of pixels [N] (y * width + x) from the photo of view ``index``, or :data:`NO_VIEW`."""
         if index == NO_VIEW:
             return self._in_chunks(pixels, lambda faces, weight: self._blend(self.mesh.colors, faces, weight))
         view = self.painting.views[index]
-        with self._room.photo(view.original_width, view.original_height):
+        with self._memory.reserve(view.original_width, view.original_height):
             photo = shrunk(view, self.painting.source(index), self.layout.scale)
             return self._in_chunks(
                 pixels,

@@ -137,9 +137,9 @@ def test_of_equal_points_one_counts() -> None:
     assert np.isclose(volumes(np.concatenate([points, points]), twice).sum(), ConvexHull(points).volume)
 
 
-def test_more_room_is_made_where_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_capacity_grows_where_it_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = delaunay(random_points())
-    monkeypatch.setattr(module, "_USUAL", 1)
+    monkeypatch.setattr(module, "_FIRST_CAPACITY", 1)
     assert np.array_equal(delaunay(random_points()), expected)
 
 

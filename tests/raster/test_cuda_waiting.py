@@ -84,7 +84,7 @@ def test_loss_and_gradients_read_nothing_back(geometry: bool) -> None:
 
     def compare() -> None:
         backdrop = (0.2, 0.5, 0.8)  # on the host in training, too
-        compared = DevicePass(launcher_on(SOURCE), target.photo_side, weights, backdrop, error, maps)
+        compared = DevicePass(launcher_on(SOURCE), target.loss_photo, weights, backdrop, error, maps)
         compared.run(view)
         assert len(compared.gradients()) == len(maps)
 

@@ -19,7 +19,7 @@ from mgf_engine.native import build, library
 from mgf_engine.raster.adam import AdamStep, adam_step
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.loss import LossWeights, image_loss
-from mgf_engine.raster.photo_side import photo_side
+from mgf_engine.raster.loss_photo import prepare_photo
 from mgf_engine.raster.points import INSIDE, PointOpacity
 
 MANY = 1000
@@ -109,7 +109,7 @@ def comparison() -> None:
     labels = torch.zeros(height, width, dtype=torch.uint8)
     labels[20:140, 30:590] = 1
     none, maps = torch.zeros(height, width, dtype=torch.bool), torch.rand(10, height, width)
-    photo = photo_side(torch.zeros(3, height, width, dtype=torch.uint8), labels, none, none, 2, 1, (0, 0))
+    photo = prepare_photo(torch.zeros(3, height, width, dtype=torch.uint8), labels, none, none, 2, 1, (0, 0))
     assert len(photo.levels) > 1
     drawn = Rendering(maps[:3], maps[3], maps[4], maps[5], maps[6:9], maps[9], torch.ones(1, dtype=torch.bool))
     image_loss(drawn, photo, WEIGHTS, torch.zeros(3), view(), torch.zeros(height, width), "cpu")

@@ -20,7 +20,7 @@ from mgf_engine.raster.map_gradients import count_planes, split_planes
 
 if TYPE_CHECKING:
     from mgf_engine.raster.camera import Intrinsics
-    from mgf_engine.raster.loss_inputs import LossWeights, PhotoSide
+    from mgf_engine.raster.loss_inputs import LossPhoto, LossWeights
 
 _SIDE = 16  # of a tile, csrc/cuda/loss.cuh, as everything up to _EDGES
 _MAX_LEVELS, _SAVED, _OTHER_SUMS = 5, 4, 6
@@ -28,10 +28,10 @@ _MAX_LEVELS, _SAVED, _OTHER_SUMS = 5, 4, 6
 
 @dataclass(frozen=True)
 class DevicePhoto:
-    """What a photo's side of the comparison needs on the device, made once per photo.
+    """A photo and its labels on the device, uploaded once.
 
     Attributes:
-        image, labels, edges, background_band: as in :class:`mgf_engine.raster.loss_inputs.PhotoSide`.
+        image, labels, edges, background_band: as in :class:`mgf_engine.raster.loss_inputs.LossPhoto`.
         area: int32 [scales, ids], as there.
         shares: float64 [ids], weight of each label; in place of label 0, of the whole building.
         sizes: height and width of the box.
@@ -51,7 +51,7 @@ class DevicePhoto:
         return self.labels, self.edges, self.background_band
 
 
-def photo_on(device: torch.device, photo: PhotoSide, weights: LossWeights) -> DevicePhoto:
+def photo_on(device: torch.device, photo: LossPhoto, weights: LossWeights) -> DevicePhoto:
     """Return the photo on the device; uploaded on first use and kept with the photo."""
     key = (str(device), weights.labels.tobytes())
     if key not in photo.copies:
@@ -105,7 +105,7 @@ class DevicePass:
     def __init__(
         self,
         launcher: Launcher,
-        photo: PhotoSide,
+        photo: LossPhoto,
         weights: LossWeights,
         backdrop: Tensor,
         error: Tensor,

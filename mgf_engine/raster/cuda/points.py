@@ -18,7 +18,7 @@ _INNERS = 16  # blocks of 4 x 4 pixels in a tile, csrc/cuda/points.cu
 
 
 class DevicePoints:
-    """Asks a field on the device how opaque the space in front of points is.
+    """Evaluates on a GPU how opaque a field is in front of points, seen from a view.
 
     Args:
         rasterizer: of the device.

@@ -5,9 +5,9 @@
 // that order is its *slot*, where the backward pass leaves gradients: the slots of a Gaussian lie side by side. A stable sort of
 // the slots by tile (sort.cu) then gives lists that are sorted by depth, without a depth in the keys.
 //
-// The lists have room for `room` entries, which the host chose without knowing how many there are: asking would mean waiting for
+// The lists hold `capacity` entries at most, which the host chose without knowing how many there are: asking would mean waiting for
 // the card in every iteration. A rendering that needs more draws nothing (tile_counts, lists and gradients are empty), leaves
-// the number it needs in total[0], and the host makes more room (raster/cuda/tile_list_capacity.py).
+// the number it needs in total[0], and the host raises the capacity (raster/cuda/tile_list_capacity.py).
 //
 // How many entries a Gaussian has was counted by another program (project.cu, points.cu), and the compiler may round the same formula
 // differently here, where a footprint ends at the edge of a tile. So the count decides: a Gaussian never writes beyond its slots, and
@@ -16,7 +16,7 @@
 
 #include "raster/footprint.h"
 
-enum { NEEDED, LISTED };  // total[2]: entries there are; entries there is room for, all of them or 0
+enum { NEEDED, LISTED };  // total[2]: entries there are; entries that fit the capacity, all of them or 0
 
 // sums [blocks of 256]: entries of each block of the order.
 KERNEL(list_sums, int n, const int *order, const int *tile_counts, int *sums) {
@@ -33,7 +33,7 @@ KERNEL(list_sums, int n, const int *order, const int *tile_counts, int *sums) {
 }
 
 // sums become the entries before each block. One block.
-KERNEL(list_offsets, int blocks, int room, int *sums, int *total) {
+KERNEL(list_offsets, int blocks, int capacity, int *sums, int *total) {
     SHARED int scratch[WARPS + 1];
     Own<int> count;
     const int most = 0x7fffffff;
@@ -47,7 +47,7 @@ KERNEL(list_offsets, int blocks, int room, int *sums, int *total) {
         before += all;
     }
     PHASE {
-        if (THREAD == 0) total[NEEDED] = before > most ? most : (int)before, total[LISTED] = before <= room ? (int)before : 0;
+        if (THREAD == 0) total[NEEDED] = before > most ? most : (int)before, total[LISTED] = before <= capacity ? (int)before : 0;
     }
 }
 
@@ -87,9 +87,9 @@ KERNEL(list_fill, int n, const int *order, const Footprint *footprints, const ui
 
 // ranges [tiles + 1]: where each tile's list starts in the sorted slots, and where the last one ends: before slots left over, whose
 // tile is `tiles`. gid: the Gaussian of each slot.
-KERNEL(list_ranges, int room, int tiles, const int *total, const uint32_t *sorted_tiles, const int *slots, const int *slot_gid,
+KERNEL(list_ranges, int capacity, int tiles, const int *total, const uint32_t *sorted_tiles, const int *slots, const int *slot_gid,
        int *ranges, int *gid) {
-    EACH(k, room + 1) {
+    EACH(k, capacity + 1) {
         const int count = total[LISTED];
         if (k > count) continue;
         const int tile = k < count ? (int)sorted_tiles[k] : tiles, before = k ? (int)sorted_tiles[k - 1] : -1;

@@ -35,13 +35,13 @@ struct Levels {
     Level of[MAX_LEVELS];
 };
 
-// The maps of a target's box, [h][w] of level 0.
+// The maps of a target's box, [h][w] of level 0; background_band: certain background beside the building.
 struct Labels {
-    const uint8_t *labels, *edges, *ring;
+    const uint8_t *labels, *edges, *background_band;
 };
 
 // The sums, after 2 * ids per level (similarity and contrast-structure of each label).
-enum { SUM_EDGES, SUM_L1, SUM_ON_RING, SUM_DISTORTION, SUM_NORMALS, SUM_NORMAL_WEIGHTS, OTHER_SUMS };
+enum { SUM_EDGES, SUM_L1, SUM_IN_BAND, SUM_DISTORTION, SUM_NORMALS, SUM_NORMAL_WEIGHTS, OTHER_SUMS };
 
 struct TileAt {
     int level, y0, x0;

@@ -164,7 +164,7 @@ KERNEL(loss_normals, BY_VALUE Levels levels, Labels labels, Maps maps, BY_VALUE 
 }
 
 struct PixelFactors {
-    float backdrop[3], edge_l1, ring, distortion, normals;
+    float backdrop[3], edge_l1, background, distortion, normals;
 };
 
 // What the thread's pixel has so far.
@@ -206,7 +206,7 @@ static inline void finish_normals(const Maps &maps, const Gradient &gradient, in
     for (int c = 0; c < 3; c++) *gradient_at(gradient, G_NORMAL + c, y, x) *= scaled;
 }
 
-// All gradients, the error map (at the box, rows error_row apart), and the sums of L1, alpha on the ring and distortion.
+// All gradients, the error map (at the box, rows error_row apart), and the sums of L1, alpha in the background band, distortion.
 // l1 [ids]: weight of the distance by label. grid: tiles of level 0.
 KERNEL(loss_finish, BY_VALUE Levels levels, Labels labels, Maps maps, int ids, Slopes slopes, const float *l1, BY_VALUE PixelFactors k,
        const float *scratch, Gradient gradient, float *error, int error_row, long long *sums) {
@@ -244,9 +244,9 @@ KERNEL(loss_finish, BY_VALUE Levels levels, Labels labels, Maps maps, int ids, S
     PHASE {
         const int y = t.y0 + own_y(), x = t.x0 + own_x();
         if (!inside_level(l, y, x)) continue;
-        const float on_ring = labels.ring[(int64_t)y * l.width + x] ? 1.0f : 0.0f;
-        own->ga += on_ring * k.ring;
-        error[(int64_t)y * error_row + x] = own->distance * (1.0f / 3) + on_ring * maps.alpha[(int64_t)y * maps.row + x];
+        const float in_band = labels.background_band[(int64_t)y * l.width + x] ? 1.0f : 0.0f;
+        own->ga += in_band * k.background;
+        error[(int64_t)y * error_row + x] = own->distance * (1.0f / 3) + in_band * maps.alpha[(int64_t)y * maps.row + x];
         if (maps.distortion) *gradient_at(gradient, G_DISTORTION, y, x) = own->inside * k.distortion;
         const float weights = maps.depth ? (float)((double)others[SUM_NORMAL_WEIGHTS] / FIXED) : 0.0f;
         if (maps.depth) finish_normals(maps, gradient, y, x, weights > 0.0f ? k.normals / weights : 0.0f, *own);
@@ -260,7 +260,7 @@ KERNEL(loss_finish, BY_VALUE Levels levels, Labels labels, Maps maps, int ids, S
                 const int64_t at = (int64_t)y * maps.row + x;
                 *value = 0.0f;
                 if (sum == 0) *value = own->l1 * own->distance;
-                if (sum == 1 && inside && labels.ring[(int64_t)y * l.width + x]) *value = maps.alpha[at];
+                if (sum == 1 && inside && labels.background_band[(int64_t)y * l.width + x]) *value = maps.alpha[at];
                 if (sum == 2 && inside && maps.distortion && own->inside > 0) *value = maps.distortion[at];
             }
             add_lanes(value, sum == 0 ? FIXED_L1 : FIXED, totals + sum);
@@ -279,11 +279,11 @@ struct TermFactors {
 KERNEL(loss_total, int first, const long long *sums, const double *similarity, BY_VALUE TermFactors k, float *parts, float *total) {
     EACH(i, 1) {
         const long long *others = sums + first + i;
-        const double l1 = (double)others[SUM_L1] / FIXED_L1, ring = (double)others[SUM_ON_RING] / FIXED;
+        const double l1 = (double)others[SUM_L1] / FIXED_L1, in_band = (double)others[SUM_IN_BAND] / FIXED;
         const double distortion = (double)others[SUM_DISTORTION] / FIXED, weights = (double)others[SUM_NORMAL_WEIGHTS];
         const double normals = weights > 0.0 ? (double)others[SUM_NORMALS] / weights : 0.0;
         const double colour = l1 + (similarity ? *similarity : 0.0), geometry = k.normals * normals + k.distortion * distortion;
-        parts[0] = (float)colour, parts[1] = (float)geometry, parts[2] = (float)(k.background * ring);
-        *total = (float)(colour + geometry + k.background * ring);
+        parts[0] = (float)colour, parts[1] = (float)geometry, parts[2] = (float)(k.background * in_band);
+        *total = (float)(colour + geometry + k.background * in_band);
     }
 }

@@ -16,7 +16,7 @@ static const int FACE[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
 typedef struct {
     int32_t *item;
-    int64_t count, room;
+    int64_t count, capacity;
 } List;
 
 typedef struct {
@@ -38,11 +38,11 @@ typedef struct {
 } Mesh;
 
 static int push(List *list, int32_t item) {
-    if (list->count == list->room) {
-        const int64_t room = 2 * list->room + 1024;
-        int32_t *more = realloc(list->item, (size_t)room * sizeof *more);
+    if (list->count == list->capacity) {
+        const int64_t capacity = 2 * list->capacity + 1024;
+        int32_t *more = realloc(list->item, (size_t)capacity * sizeof *more);
         if (!more) return 0;
-        list->item = more, list->room = room;
+        list->item = more, list->capacity = capacity;
     }
     list->item[list->count++] = item;
     return 1;

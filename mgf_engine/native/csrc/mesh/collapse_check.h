@@ -169,11 +169,11 @@ static double color_error(const Mesh *m, const Star *star, int i, const Foot *fo
 }
 
 static int note(Mesh *m, int32_t sample, int32_t face) {
-    if (m->places == m->place_room) {
-        const int64_t room = 2 * m->place_room + 256;
-        Place *grown = realloc(m->place, (size_t)room * sizeof(Place));
+    if (m->places == m->place_capacity) {
+        const int64_t capacity = 2 * m->place_capacity + 256;
+        Place *grown = realloc(m->place, (size_t)capacity * sizeof(Place));
         if (!grown) return m->failed = 1, 0;
-        m->place = grown, m->place_room = room;
+        m->place = grown, m->place_capacity = capacity;
     }
     m->place[m->places++] = (Place){sample, face};
     return 1;

@@ -32,9 +32,9 @@ typedef struct {
     const uint8_t *given_color;
     int32_t *held, *after;   // and those on each face as a list
     Entry *heap;
-    int64_t entries, room;
+    int64_t entries, capacity;
     Place *place;
-    int64_t places, place_room;
+    int64_t places, place_capacity;
     double loose, color_tolerance;   // factor on the tolerances; negative: colours do not matter
     int failed;
 } Mesh;
@@ -53,14 +53,14 @@ static int before(const Entry *a, const Entry *b) {
 }
 
 static void push(Mesh *m, Entry entry) {
-    if (m->entries == m->room) {
-        const int64_t room = m->room + m->room / 2 + 1024;
-        Entry *grown = realloc(m->heap, (size_t)room * sizeof(Entry));
+    if (m->entries == m->capacity) {
+        const int64_t capacity = m->capacity + m->capacity / 2 + 1024;
+        Entry *grown = realloc(m->heap, (size_t)capacity * sizeof(Entry));
         if (!grown) {
             m->failed = 1;
             return;
         }
-        m->heap = grown, m->room = room;
+        m->heap = grown, m->capacity = capacity;
     }
     int64_t i = m->entries++;
     for (; i > 0 && before(&entry, m->heap + (i - 1) / 2); i = (i - 1) / 2) m->heap[i] = m->heap[(i - 1) / 2];

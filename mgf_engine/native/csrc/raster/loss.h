@@ -19,8 +19,8 @@
 
 enum { MEAN_X, MEAN_Y, STRUCTURE, SPREAD, SAVED }; /* planes of `saved` */
 
-/* Bits of a tile's flags: it holds a label; a pixel under it has a label; it holds a ring pixel (level 0). */
-enum { HAS_LABEL = 1, COVERS_LABEL = 2, HAS_RING = 4 };
+/* Bits of a tile's flags: it holds a label; a pixel under it has a label; it holds a pixel of the background band (level 0). */
+enum { HAS_LABEL = 1, COVERS_LABEL = 2, HAS_BAND = 4 };
 
 /* As packed by raster/loss.py: sizes, number of the level's first tile, offsets into the scratch array in floats. */
 typedef struct {

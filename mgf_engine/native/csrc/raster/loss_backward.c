@@ -131,14 +131,14 @@ static void gather_levels(const Level *levels, int64_t count, const Tile *t, int
 /* Everything mgf_loss_finish reads and writes besides the levels; packed by raster/loss.py in this order. */
 typedef struct {
   const float *alpha, *distortion, *depth;                             /* of the render, at the box; null: term is off */
-  const uint8_t *labels, *edges, *ring;                                /* [h][w] */
+  const uint8_t *labels, *edges, *background_band;                     /* [h][w] */
   const float *slopes, *l1;                                            /* [2][ids] or null without similarity; [ids] */
   float *gradient, *error;                                             /* planes [..][H][W] of the frame; at the box */
   int64_t image_row, error_row, frame_height, frame_width, y0, x0, planes;
 } Finish;
 
 typedef struct {
-  float backdrop[3], edge_slope, edge_l1, ring, distortion, normals;
+  float backdrop[3], edge_slope, edge_l1, background, distortion, normals;
 } Factors;
 
 enum { G_COLOUR, G_ALPHA = 3, G_DISTORTION, G_DEPTH, G_NORMAL }; /* planes of the gradient */
@@ -204,17 +204,17 @@ static void weight_lines(const Finish *f, const Factors *k, const Tile *t, int64
   }
 }
 
-/* alpha, distortion and error of one row, once its colours are done; sums: L1, alpha over the ring, distortion inside. */
+/* alpha, distortion and error of one row, once its colours are done; sums: L1, alpha in the band, distortion inside. */
 static void pixel_row(const Finish *f, const Factors *k, int64_t y, int64_t x, int64_t n, int64_t width, const float *inside,
                       const float *l1, const float *distance, float *ga, double *sums) {
   const int64_t plane = f->frame_height * f->frame_width, image = y * f->image_row + x;
   float *g = f->gradient + (f->y0 + y) * f->frame_width + f->x0 + x, product[3][TILE_W];
   const float *restrict alpha = f->alpha + image;
-  const uint8_t *restrict ring = f->ring + y * width + x;
+  const uint8_t *restrict band = f->background_band + y * width + x;
   float *restrict error = f->error + y * f->error_row + x;
   for (int64_t i = 0; i < n; i++) {
-    float on_ring = ring[i] ? 1.0f : 0.0f, covered = on_ring * alpha[i];
-    ga[i] += on_ring * k->ring;
+    float in_band = band[i] ? 1.0f : 0.0f, covered = in_band * alpha[i];
+    ga[i] += in_band * k->background;
     error[i] = distance[i] * (1.0f / 3) + covered;
     product[0][i] = l1[i] * distance[i], product[1][i] = covered, product[2][i] = 0;
   }
@@ -253,7 +253,7 @@ MGF_API void mgf_loss_finish(int32_t *next, const Level *levels, int64_t count, 
       continue;
     }
     const Tile t = tile_at(levels, 1, index);
-    if (!(flags[index] & (HAS_LABEL | HAS_RING))) {
+    if (!(flags[index] & (HAS_LABEL | HAS_BAND))) {
       clear_rows(f, f->y0 + t.y0, t.height, f->x0 + t.x0, t.width);
       for (int64_t r = 0; r < t.height; r++)
         memset(f->error + (t.y0 + r) * f->error_row + t.x0, 0, sizeof(float) * t.width);

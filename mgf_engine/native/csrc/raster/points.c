@@ -73,21 +73,21 @@ MGF_API void mgf_grow_footprints(int64_t n, const float *records, Footprint *foo
 /* What a tile knows of its list, column by column, so that sixteen Gaussians are tested at once. */
 typedef struct {
     float *columns; // x0, x1, y0, y1, front of each, `stride` floats apart
-    int64_t room, stride;
+    int64_t capacity, stride;
     int64_t count;
 } List;
 
 static int list_load(List *list, const float *records, const float *front, const int32_t *gid, int64_t count) {
     const int64_t padded = (count + 15) / 16 * 16;
-    if (padded > list->room) {
+    if (padded > list->capacity) {
         free(list->columns);
-        list->room = 2 * padded, list->columns = malloc(5 * (size_t)list->room * sizeof(float));
+        list->capacity = 2 * padded, list->columns = malloc(5 * (size_t)list->capacity * sizeof(float));
         if (!list->columns) {
-            list->room = 0;
+            list->capacity = 0;
             return 0;
         }
     }
-    list->count = count, list->stride = list->room;
+    list->count = count, list->stride = list->capacity;
     float *c = list->columns;
     for (int64_t k = 0; k < padded; k++) {
         const float *r = records + (int64_t)gid[k < count ? k : count - 1] * REC_SIZE;

@@ -88,15 +88,15 @@ static inline float mean_at(const double *sums, int64_t x) {
 // Correlation -1..1 of one row, 0 where either picture has no texture, -1 where the other shows nothing. Products come
 // to lie in memory before they are subtracted: fused with that, they would be rounded otherwise than NumPy rounds them.
 static void correlate_row(const Pair *p, int64_t y, const Sums *sums, const int32_t *seen, float texture,
-                          float *restrict room, float *restrict result) {
+                          float *restrict scratch, float *restrict result) {
     const float *average = p->average + y * p->width, *variance = p->variance + y * p->width, least = texture * texture;
-    float *restrict products = room + p->width;
+    float *restrict products = scratch + p->width;
     for (int64_t x = seen[0]; x < seen[1]; x++) {
         const float mean = mean_at(sums->light, x);
-        room[x] = mean * mean, products[x] = average[x] * mean;
+        scratch[x] = mean * mean, products[x] = average[x] * mean;
     }
     for (int64_t x = seen[0]; x < seen[1]; x++) {
-        const float spread = mean_at(sums->square, x) - room[x], shared = mean_at(sums->product, x) - products[x];
+        const float spread = mean_at(sums->square, x) - scratch[x], shared = mean_at(sums->product, x) - products[x];
         const float both = variance[x] * spread, correlation = shared / sqrtf(both > least ? both : least);
         result[x] = variance[x] > texture && spread > texture ? correlation : 0.0f;
     }
@@ -104,9 +104,9 @@ static void correlate_row(const Pair *p, int64_t y, const Sums *sums, const int3
 }
 
 // CIELAB distance of one row between the own colours, smoothed already, [3][height][width], and those of the other,
-// smoothed here. `columns`: room for a row of each channel, with one pixel more at both ends.
+// smoothed here. `columns`: scratch memory for a row of each channel, with one pixel more at both ends.
 static void colours_row(const Pair *p, int64_t y, const uint8_t *smooth, uint16_t *restrict columns,
-                        float *restrict room, float *restrict result) {
+                        float *restrict scratch, float *restrict result) {
     const int64_t width = p->width, wide = width + 2, pixels = p->height * width;
     const uint8_t *r[3];
     for (int k = 0; k < 3; k++) r[k] = p->other + mirrored(y + k - 1, p->height) * width * CHANNELS;
@@ -121,12 +121,12 @@ static void colours_row(const Pair *p, int64_t y, const uint8_t *smooth, uint16_
     const uint8_t *own = smooth + y * width;
     const uint16_t *a = columns + wide, *b = a + wide;
     const float scale = (float)(100.0 / 255.0);
-    for (int64_t x = 0; x < width; x++) room[x] = (float)own[x] * scale, result[x] = (float)columns[x] * scale;
-    for (int64_t x = 0; x < width; x++) result[x] -= room[x];
-    for (int64_t x = 0; x < width; x++) room[x] = result[x] * result[x];
+    for (int64_t x = 0; x < width; x++) scratch[x] = (float)own[x] * scale, result[x] = (float)columns[x] * scale;
+    for (int64_t x = 0; x < width; x++) result[x] -= scratch[x];
+    for (int64_t x = 0; x < width; x++) scratch[x] = result[x] * result[x];
     for (int64_t x = 0; x < width; x++) {
         const int32_t green = own[pixels + x] - a[x], yellow = own[2 * pixels + x] - b[x];
-        result[x] = sqrtf(room[x] + (float)(green * green) + (float)(yellow * yellow));
+        result[x] = sqrtf(scratch[x] + (float)(green * green) + (float)(yellow * yellow));
     }
 }
 
@@ -159,23 +159,23 @@ static void mean_of(const Best *best, float *restrict mean) {
     for (int64_t x = 0; x < best->width; x++) mean[x] /= (float)best->count;
 }
 
-// Room for the sums of every other picture, some rows of floats, and the columns of `colours_row`.
+// Scratch memory: the sums of every other picture, some rows of floats, and the columns of `colours_row`.
 typedef struct {
     double *sums;
     float *floats;
     uint16_t *columns;
-} Room;
+} Scratch;
 
 static void compare_row(const Pair *p, int64_t y, const int32_t *seen, const uint8_t *smooth, float texture, float colour,
-                        const Room *room, double *held, const Best *fits, const Best *colours, const Best *alone) {
+                        const Scratch *scratch, double *held, const Best *fits, const Best *colours, const Best *alone) {
     const int64_t wide = p->width + 2 * RADIUS;
     const Sums sums = {held, held + wide, held + 2 * wide};
-    float *row = room->floats, *away = row + p->width, *limited = away + p->width, *between = limited + p->width;
+    float *row = scratch->floats, *away = row + p->width, *limited = away + p->width, *between = limited + p->width;
     next_row(p, y, &sums);
     for (int k = 0; k < 3; k++) mirror_ends(held + k * wide, p->width);
     correlate_row(p, y, &sums, seen, texture, between, row);
     if (smooth) {
-        colours_row(p, y, smooth, room->columns, between, away);
+        colours_row(p, y, smooth, scratch->columns, between, away);
         for (int64_t x = 0; x < p->width; x++) {
             limited[x] = away[x] < colour || row[x] < 0.0f ? row[x] : 0.0f;
             away[x] = -away[x];
@@ -199,24 +199,24 @@ MGF_API int64_t mgf_compare_patches(int64_t number, int64_t height, int64_t widt
                                 int64_t count, float *fits, float *colours, int64_t last, int64_t count_alone,
                                 float *alone) {
     const int64_t wide = width + 2 * RADIUS, rows = 5 + 2 * count + count_alone;
-    const Room room = {calloc((size_t)(number * 3 * wide), sizeof(double)), malloc((size_t)(rows * width) * sizeof(float)),
+    const Scratch scratch = {calloc((size_t)(number * 3 * wide), sizeof(double)), malloc((size_t)(rows * width) * sizeof(float)),
                        malloc((size_t)(CHANNELS * (width + 2)) * sizeof(uint16_t))};
-    const int failed = !room.sums || !room.floats || !room.columns;
-    const Best best[3] = {{count, width, room.floats + 5 * width},
-                          {count, width, room.floats + (5 + count) * width},
-                          {count_alone, width, room.floats + (5 + 2 * count) * width}};
+    const int failed = !scratch.sums || !scratch.floats || !scratch.columns;
+    const Best best[3] = {{count, width, scratch.floats + 5 * width},
+                          {count, width, scratch.floats + (5 + count) * width},
+                          {count_alone, width, scratch.floats + (5 + 2 * count) * width}};
     for (int64_t y = 0; y < height && !failed; y++) {
         for (int k = 0; k < 3; k++) clear(best + k);
         for (int64_t n = 0; n < number; n++) {
             const Pair pair = {height, width, channels, others + n * height * width * channels, lightness, average, variance};
-            double *held = room.sums + n * 3 * wide;
+            double *held = scratch.sums + n * 3 * wide;
             if (y == 0) begin(&pair, &(Sums){held, held + wide, held + 2 * wide});
-            compare_row(&pair, y, seen + 2 * (n * height + y), smooth, texture, colour, &room, held, best, best + 1,
+            compare_row(&pair, y, seen + 2 * (n * height + y), smooth, texture, colour, &scratch, held, best, best + 1,
                         n >= number - last ? best + 2 : NULL);
         }
         if (smooth) mean_of(best, fits + y * width), mean_of(best + 1, colours + y * width);
         if (alone) mean_of(best + 2, alone + y * width);
     }
-    free(room.sums), free(room.floats), free(room.columns);
+    free(scratch.sums), free(scratch.floats), free(scratch.columns);
     return failed;
 }

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.raster.loss_inputs import PhotoSide
+from mgf_engine.raster.loss_inputs import LossPhoto
 from mgf_engine.raster.ms_ssim import scales_of
 
 TILE_H, TILE_W = 32, 256  # px, csrc/raster/loss.h, as the fields and flags
@@ -17,7 +17,7 @@ _LEVEL_FIELDS, _SAVED = 9, 4
 _HAS_LABEL, _COVERS_LABEL, _HAS_BAND = 1, 2, 4
 
 
-def photo_side(
+def prepare_photo(
     image: Tensor,
     labels: Tensor,
     edges: Tensor,
@@ -25,8 +25,8 @@ def photo_side(
     ids: int,
     elements: int,
     origin: tuple[int, int],
-) -> PhotoSide:
-    """Return sizes, areas and tiles that count, worked out once per photo; see :class:`PhotoSide`.
+) -> LossPhoto:
+    """Prepare a photo for the loss: areas of its labels, sizes of the scales of MS-SSIM, and tiles that count.
 
     Args:
         image: uint8 [3, h, w].
@@ -55,7 +55,7 @@ def photo_side(
         tiles, floats = tiles + has.size, int(starts[4])
     maps = image, labels, edges, background_band
     image, labels, edges, background_band = (t.view(torch.uint8).contiguous() for t in maps)
-    return PhotoSide(
+    return LossPhoto(
         image=image, labels=labels, elements=elements, edges=edges, background_band=background_band, origin=origin,
         area=area,
         edge_area=int(np.count_nonzero(edges.numpy() * mask)), band_area=int(np.count_nonzero(background_band.numpy())),
