@@ -20,6 +20,7 @@ from mgf_engine.geometry.block_store import clear_blocks
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.morton import along_curve
 from mgf_engine.start.options import start_options
@@ -132,9 +133,7 @@ def _stereo_points(surface: StartSurface, scene: Scene, rows: NDArray[np.int64])
     colors = np.zeros((len(points), 3), np.uint8)
     for i in np.unique(seen):
         mine, view = np.flatnonzero(seen == i), scene.views[i]
-        uv = np.floor(view.project(points[mine])[0]).astype(int)
-        column, row = np.clip(uv, 0, [view.width - 1, view.height - 1]).T
-        colors[mine] = scene.photo(i)[row, column]
+        colors[mine] = scene.photo(i)[pixel_at((view.height, view.width), view.project(points[mine])[0])]
     return _Points(points, colors, centres[seen], np.full(points.shape, np.nan))
 
 

@@ -136,8 +136,8 @@ def shaded(
     face = render_mesh(mesh, fine).face
     seen, index = face >= 0, np.maximum(face, 0)
     normals = (face_normals(mesh) @ fine.rotation.T).astype(np.float32)
-    u = ((np.arange(fine.width) + 0.5 - fine.cx) / fine.fx).astype(np.float32)
-    v = ((np.arange(fine.height) + 0.5 - fine.cy) / fine.fy).astype(np.float32)[:, None]
+    u, v = (rays.astype(np.float32) for rays in fine.pixel_rays())
+    v = v[:, None]
     x, y, z = (normals[:, k].take(index) for k in range(3))  # unlike indexing, take lets other threads work meanwhile
     facing = -(x * u + y * v + z) / np.sqrt(u * u + v * v + 1)
     light = _from_side(x, y, z, facing) if from_side else 0.35 + 0.65 * np.abs(facing)

@@ -21,7 +21,7 @@ from mgf_engine.masks.elements import add_elements
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells
 from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.parts import Part, match_elements
-from mgf_engine.masks.points import VoteOptions, choose_voters, pixel_at, vote
+from mgf_engine.masks.points import VoteOptions, choose_voters, vote
 from mgf_engine.masks.prompts import Prompts, PromptsFile, no_clicks, read_prompts
 from mgf_engine.masks.propagation.propagate import Propagation, propagate
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
@@ -38,6 +38,7 @@ from mgf_engine.masks.validation.mask_coverage import CoverageOptions, describe_
 from mgf_engine.masks.validation.mask_flags import measure_consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map, plain_opencv
 from mgf_engine.system import cores

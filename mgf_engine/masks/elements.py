@@ -15,11 +15,11 @@ from scipy.ndimage import find_objects
 
 from mgf_engine.masks.image_ops import grow
 from mgf_engine.masks.part_options import PartOptions
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Points
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.segmenters.efficientsam import POINT, EfficientSam
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
+from mgf_engine.model.pixels import pixel_at
 
 LAST_ELEMENT = IGNORE - 1
 

@@ -12,8 +12,8 @@ from scipy import sparse
 
 from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.part_options import PartOptions
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.masks import FIRST_ELEMENT, IGNORE
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 
 

@@ -19,6 +19,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
 from mgf_engine.masks.image_ops import disc
 from mgf_engine.model.masks import IGNORE, MaskSet, building
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.system import cores
@@ -185,13 +186,6 @@ def observed_pixels(scene: Scene, index: int, points: NDArray[np.bool_]) -> NDAr
     """Return the pixels at which a photo observed those of the scene's points [P] that are chosen, [N, 2]."""
     here = scene.observations(index)
     return scene.track_uv[here][points[scene.track_point[here]]]
-
-
-def pixel_at(shape: tuple[int, ...], uv: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return rows and columns of the pixels under uv [N, 2], clamped to the frame."""
-    x = np.clip(np.floor(uv[:, 0]).astype(np.int64), 0, shape[1] - 1)
-    y = np.clip(np.floor(uv[:, 1]).astype(np.int64), 0, shape[0] - 1)
-    return y, x
 
 
 def _cast(labels: NDArray[np.uint8], uv: NDArray[np.floating], rows: NDArray[np.int64], dilation: int) -> ViewVotes:

@@ -11,7 +11,7 @@ import argparse
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -45,6 +45,7 @@ from mgf_engine.scene.cameras import from_original, to_original
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.gravity import GravityOptions, up_of_tilted_view
 from mgf_engine.scene.load import build_scene
+from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise_pose, rotation_of
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
@@ -142,12 +143,10 @@ def _up_by_all(scene: Scene, model: SparseModel, config: Config) -> NDArray[np.f
 
 
 def _match(name: str, names: list[str], source: Path) -> str:
-    """Find the photo meant: by its full name, its file name, or either without regard to case."""
-    wanted = name.replace("\\", "/")
-    for key in (lambda n: n, lambda n: PurePosixPath(n).name, lambda n: PurePosixPath(n).name.casefold()):
-        found = [n for n in names if key(n.replace("\\", "/")) == key(wanted)]
-        if len(found) == 1:
-            return found[0]
+    """Find the photo meant, see :func:`mgf_engine.scene.names.named_like`."""
+    found = named_like(name, names)
+    if len(found) == 1:
+        return names[found[0]]
     some = ", ".join(names[:3]) or "none"
     raise BadInput(f"'{source}' has no photo '{name}' (it has {some}, ...); give its name as in the prompts.")
 
@@ -171,7 +170,7 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
     height, width = photo.shape[:2]
     scale = min(1.0, config.resolution / max(width, height))
     w, h = max(1, round(width * scale)), max(1, round(height * scale))
-    focal = 1.2 * max(w, h)
+    focal = 1.2 * max(w, h)  # what COLMAP assumes without EXIF
     view = View(name, name, w, h, focal, focal, w / 2, h / 2, np.eye(3), np.zeros(3), width, height)
     scene = Scene(
         (view,), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32), np.zeros(1, np.int64),

@@ -219,8 +219,7 @@ def depth_map(
     """
     view, normal, depth = surface.view, surface.normal, matched.depth
     unmatched = options.unmatched if matched.unmatched_weight is None else matched.unmatched_weight
-    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
-    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    u, v = view.pixel_rays()
     slope = np.clip(
         -(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), options.least_slope, None
     )

@@ -92,8 +92,7 @@ def visible_surface(
     pixels = np.flatnonzero(face >= 0)
     normal = np.zeros((*face.shape, 3), np.float32)
     normal.reshape(-1, 3)[pixels] = normals.take(face.ravel().take(pixels), axis=0) @ view.rotation.T
-    u = (np.arange(view.width) + 0.5 - view.cx) / view.fx
-    v = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    u, v = view.pixel_rays()
     front = normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2] < 0
     # A hole in the mesh is no evidence of free space: the surface may be missing there.
     return RenderedSurface(

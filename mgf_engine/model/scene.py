@@ -109,6 +109,12 @@ class View:
         """Camera centre in the normalised frame, [3]."""
         return -self.rotation.T @ self.translation
 
+    def pixel_rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return x [W] and y [H]: the ray through the centre of a pixel is (x, y, 1) in the camera frame."""
+        x = (np.arange(self.width, dtype=np.float64) + 0.5 - self.cx) / self.fx
+        y = (np.arange(self.height, dtype=np.float64) + 0.5 - self.cy) / self.fy
+        return x, y
+
     def project(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Project by eq. 2 with its division by depth: points [N, 3] (normalised) -> pixels [N, 2], depth [N]."""
         # Coordinates as rows: numpy needs half the time it takes for points as rows.

@@ -22,10 +22,10 @@ from mgf_engine.masks.geometry.point_features import clicked_groups, measure_poi
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
 from mgf_engine.masks.geometry.superstructures import find_superstructures
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
 

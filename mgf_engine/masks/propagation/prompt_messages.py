@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.prompt_outliers import (
@@ -19,6 +18,7 @@ from mgf_engine.masks.propagation.prompt_outliers import (
     on_points,
 )
 from mgf_engine.model.masks import BACKGROUND
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.scene.cameras import to_original
 
 #: How sentences end that ask whoever clicked to look at single clicks again.

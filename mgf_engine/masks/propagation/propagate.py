@@ -18,7 +18,7 @@ from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
-from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, observed_pixels, pixel_at, track_votes, vote
+from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, observed_pixels, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import vegetation_probability
 from mgf_engine.masks.propagation.correct_masks import MaskCorrection, map_photos
@@ -43,6 +43,7 @@ from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions
 from mgf_engine.masks.validation.mask_flags import FlagOptions, flag_by_masks, flag_reason, measure_consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import IGNORE, MaskSet, building
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.gravity import GravityOptions, find_up
 from mgf_engine.system import cores

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.model.pixels import pixel_at
 
 Mask = NDArray[np.bool_]
-Points = NDArray[np.floating]
 
 
 def first_clicks(clicks: Clicks) -> list[Clicks]:
@@ -47,8 +47,8 @@ def enforce_clicks(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
     labels = cv2.resize(regions.labels, size, interpolation=cv2.INTER_NEAREST)
     result = mask.copy()
     for points, value in ((clicks.positive, True), (clicks.negative, False)):
-        here = labels[rows(mask.shape, points)]
-        for label in np.unique(here[result[rows(mask.shape, points)] != value]):
+        here = labels[pixel_at(mask.shape, points)]
+        for label in np.unique(here[result[pixel_at(mask.shape, points)] != value]):
             result[(labels == label) & (_nearer(mask.shape, clicks) == value)] = value
     return set_clicked_pixels(result, clicks)
 
@@ -63,15 +63,8 @@ def set_clicked_pixels(mask: Mask, clicks: Clicks, radius: float = 1.5) -> Mask:
         for u, v in points:
             result[(np.hypot(x - u, y - v) <= radius) & (nearer == value)] = value
     for points, value in kinds:
-        result[rows(mask.shape, points)] = value
+        result[pixel_at(mask.shape, points)] = value
     return result
-
-
-def rows(shape: tuple[int, ...], points: Points) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return index (row, column) of the pixels that points [N, 2] lie in."""
-    x = np.clip(np.floor(points[:, 0]).astype(np.int64), 0, shape[1] - 1)
-    y = np.clip(np.floor(points[:, 1]).astype(np.int64), 0, shape[0] - 1)
-    return y, x
 
 
 def _nearer(shape: tuple[int, ...], clicks: Clicks) -> Mask:
@@ -81,6 +74,6 @@ def _nearer(shape: tuple[int, ...], clicks: Clicks) -> Mask:
     away = []
     for points in (clicks.positive, clicks.negative):
         free = np.full(shape, 255, np.uint8)
-        free[rows(shape, points)] = 0
+        free[pixel_at(shape, points)] = 0
         away.append(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
     return np.asarray(away[0] <= away[1], bool)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.native.library import call
 
 
@@ -60,10 +61,7 @@ class Regions:
 
     def at(self, uv: NDArray[np.floating]) -> NDArray[np.int32]:
         """Look up the region under working pixels [N, 2] (clamped to the frame), [N]."""
-        h, w = self.labels.shape
-        x = np.clip(np.floor(uv[:, 0] * self.scale[0]).astype(np.int64), 0, w - 1)
-        y = np.clip(np.floor(uv[:, 1] * self.scale[1]).astype(np.int64), 0, h - 1)
-        return self.labels[y, x]
+        return self.labels[pixel_at(self.labels.shape, uv * np.asarray(self.scale, uv.dtype))]
 
 
 def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = SuperpixelOptions()) -> Regions:

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import distance, shrink
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.sky_silhouette import elevation
 from mgf_engine.model.masks import BACKGROUND
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
 

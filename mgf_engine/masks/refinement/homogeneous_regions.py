@@ -17,8 +17,8 @@ from scipy.ndimage import distance_transform_edt
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import grow, shrink
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.masks import BACKGROUND, IGNORE
+from mgf_engine.model.pixels import pixel_at
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,7 @@ def elevation(view: View, up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _rays(view: View, up: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compute the rise of each pixel's ray at depth 1, and its length there, [H, W] each."""
-    x = (np.arange(view.width) + 0.5 - view.cx) / view.fx
-    y = (np.arange(view.height) + 0.5 - view.cy) / view.fy
+    x, y = view.pixel_rays()
     normal = view.rotation @ up
     rise = normal[0] * x[None, :] + normal[1] * y[:, None] + normal[2]
     return rise, np.sqrt(1 + x[None, :] ** 2 + y[:, None] ** 2)

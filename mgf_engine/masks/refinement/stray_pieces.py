@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.points import pixel_at
+from mgf_engine.model.pixels import pixel_at
 
 
 def find_stray_pieces(

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, near_ground
@@ -30,6 +29,7 @@ from mgf_engine.masks.refinement.sky_silhouette import (
     find_silhouette,
 )
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
 
 

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.model.pixels import pixel_at
+
 Points = NDArray[np.floating]
 
 CLICK_POINTS = 10  # weight of a click in the score, in sparse points
@@ -76,6 +78,4 @@ def _share(mask: NDArray[np.bool_], points: Points, clicks: Points, doubt: int) 
 
 def inside(mask: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:
     """Find the points [N, 2] that fall on the mask, bool [N]."""
-    x = np.clip(np.floor(points[:, 0]).astype(np.int64), 0, mask.shape[1] - 1)
-    y = np.clip(np.floor(points[:, 1]).astype(np.int64), 0, mask.shape[0] - 1)
-    return mask[y, x]
+    return mask[pixel_at(mask.shape, points)]

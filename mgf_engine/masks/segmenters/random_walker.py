@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement, inside
+from mgf_engine.model.pixels import pixel_at
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,7 @@ def follow_points(hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions
     radius = options.near * max(h, w)
     votes = np.zeros((2, h, w), np.float32)
     for plane, points in zip(votes, (hints.rejected, hints.accepted), strict=True):
-        x = np.clip(np.floor(points[:, 0]).astype(int), 0, w - 1)
-        y = np.clip(np.floor(points[:, 1]).astype(int), 0, h - 1)
-        np.add.at(plane, (y, x), 1)
+        np.add.at(plane, pixel_at((h, w), points), 1)
     near = [cv2.GaussianBlur(v, (0, 0), radius) * (2 * np.pi * radius**2) for v in votes]
     weight = 0.5  # weight of the probability: half a point
     return ((near[1] + weight * hints.probability) / (near[0] + near[1] + weight)).astype(np.float32)
@@ -111,8 +110,7 @@ def _fill(
     evidence = np.zeros(count, np.int64)
     for places, weight in found:
         rows = places[inside(pieces.astype(bool), places)]
-        x, y = np.floor(rows).astype(np.int64).T if len(rows) else (np.zeros(0, int), np.zeros(0, int))
-        np.add.at(evidence, labels[np.clip(y, 0, mask.shape[0] - 1), np.clip(x, 0, mask.shape[1] - 1)], weight)
+        np.add.at(evidence, labels[pixel_at(mask.shape, rows)], weight)
     small = (stats[:, cv2.CC_STAT_AREA] < most) & (evidence < enough)
     small[0] = False
     result = mask.copy()

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.points import pixel_at
 from mgf_engine.model.masks import MaskSet, building
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.points import LabelMaps, pixel_at
+from mgf_engine.masks.points import LabelMaps
 from mgf_engine.model.masks import IGNORE, building
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 
 
