@@ -11,7 +11,7 @@ from pathlib import Path
 from mgf_engine import __version__
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.masks.segmenters.download import WEIGHTS, check_file, default_folder
-from mgf_engine.masks.segmenters.notice import standing
+from mgf_engine.masks.segmenters.notice import describe_automatic_choice
 from mgf_engine.memory import GB, free_memory
 from mgf_engine.system import cores, cpu_name, total_memory, versions
 
@@ -63,7 +63,7 @@ def report(weights: Path | None = None) -> int:
     print(f"  {'CUDA':<32} {_cuda()}")
     for extra, (purpose, packages) in EXTRAS.items():
         print(f"  {purpose:<32} {_extra(extra, packages)}")
-    for purpose, say in (("LPIPS in reports", _lpips), ("segmenter of the masks", standing)):
+    for purpose, say in (("LPIPS in reports", _lpips), ("segmenter of the masks", describe_automatic_choice)):
         try:
             print(f"  {purpose:<32} {say(weights or default_folder())}")
         except BadInput as error:

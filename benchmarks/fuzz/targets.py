@@ -181,10 +181,10 @@ def _prepare_masks(folder: Path) -> None:
 
 
 def _read_masks(folder: Path) -> Any:
-    from mgf_engine.masks.user_masks import read_supplied
+    from mgf_engine.masks.user_masks import read_user_masks
 
     scene = small_scene(folder)
-    given = read_supplied(folder, scene)
+    given = read_user_masks(folder, scene)
     nothing = np.zeros((12, 16), np.uint8)
     use_masks(replace(all_inside(scene), labels=tuple(nothing if m is None else m for m in given)), scene, folder)
 

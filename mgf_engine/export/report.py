@@ -30,7 +30,7 @@ from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.report import georeference_figures, georeference_html
 from mgf_engine.job import Job
-from mgf_engine.masks.segmenters.notice import used
+from mgf_engine.masks.segmenters.notice import describe_used_segmenter
 from mgf_engine.memory import GB
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
@@ -239,7 +239,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
             "processor": cpu_name(), "cores": str(cores()), "threads": str(job.config.threads or cores()),
             "memory": f"{total_memory() / GB:.1f} GB",
             "device": choose_device(job.config.device).text.removeprefix("Device: "),
-            "segmenter of the masks": used(job.path("masks")),
+            "segmenter of the masks": describe_used_segmenter(job.path("masks")),
         },
         kernel=variant(),
         peak_memory=max([peak_memory(), *(s.peak_memory or 0 for s in stages)]),

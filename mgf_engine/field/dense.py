@@ -71,7 +71,7 @@ def dense_points(
     if not found:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros((0, 3))
     points, colors, towards = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return _thin(points, colors, towards, limit)
+    return _average_in_voxels(points, colors, towards, limit)
 
 
 def _confirmed_points(
@@ -85,29 +85,29 @@ def _confirmed_points(
     return points, color[tuple(pixels.T)], np.broadcast_to(photo.view.centre, points.shape)
 
 
-def _thin(
+def _average_in_voxels(
     points: NDArray[np.float64], colors: NDArray[np.uint8], towards: NDArray[np.float64], limit: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:
-    """Average over cubes of the size that leaves about ``limit`` points; this also calms the noise."""
+    """Average points over voxels of the size that leaves about ``limit`` of them, which also reduces noise."""
     local = points - points.min(0)
     size = float(local.max()) / np.sqrt(limit) + 1e-4
     for _ in range(8):
-        keys = _cubes(local, size)
+        keys = _voxel_numbers(local, size)
         found = 1 + int(np.count_nonzero(np.diff(np.sort(keys))))
         if found <= limit and (found > 0.85 * limit or found > 0.99 * len(points)):
             break
-        # Points lie on surfaces, so the number of cubes goes with the inverse square of their size.
+        # Points lie on surfaces, so the number of voxels goes with the inverse square of their size.
         size *= float(np.sqrt(found / (0.93 * limit)))
-    cubes = np.unique(keys, return_inverse=True)[1].reshape(-1)
-    count = np.bincount(cubes).astype(np.float64)
-    mean = lambda a: np.stack([np.bincount(cubes, weights=a[:, k]) / count for k in range(3)], 1)  # noqa: E731
+    voxel = np.unique(keys, return_inverse=True)[1].reshape(-1)
+    count = np.bincount(voxel).astype(np.float64)
+    mean = lambda a: np.stack([np.bincount(voxel, weights=a[:, k]) / count for k in range(3)], 1)  # noqa: E731
     first = np.zeros(len(count), np.int64)
-    first[cubes[::-1]] = np.arange(len(points))[::-1]
+    first[voxel[::-1]] = np.arange(len(points))[::-1]
     return mean(points), np.clip(mean(colors.astype(float)), 0, 255).round().astype(np.uint8), towards[first]
 
 
-def _cubes(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
-    """Return the number of the cube each point lies in."""
+def _voxel_numbers(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:
+    """Return the number of the voxel that each point lies in."""
     cell = np.floor(points / size).astype(np.int64)
     spans = cell.max(0) + 1
     return np.asarray((cell[:, 0] * spans[1] + cell[:, 1]) * spans[2] + cell[:, 2])

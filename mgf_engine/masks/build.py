@@ -28,10 +28,10 @@ from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.segmenters.base import Segmenter
 from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
-from mgf_engine.masks.segmenters.notice import notice
+from mgf_engine.masks.segmenters.notice import describe_segmenter
 from mgf_engine.masks.segmenters.random_walker import MaskDrawingOptions, RandomWalker
 from mgf_engine.masks.store import save_masks
-from mgf_engine.masks.user_masks import read_supplied
+from mgf_engine.masks.user_masks import read_user_masks
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions, find_contradicted_masks
 from mgf_engine.masks.validation.low_texture import LowTextureOptions, low_texture_share, low_texture_warning
 from mgf_engine.masks.validation.mask_coverage import CoverageOptions, describe_misfits, mark_ignored, measure_coverage
@@ -116,7 +116,7 @@ def _first_level(
         raise no_clicks()
     clicks = read_prompts(prompts, scene, reporter.warning)
     segmenter = choose_segmenter(config, folder, reporter.warning)
-    reporter.send("segmenter", segmenter=segmenter.name, text=notice(segmenter.name))
+    reporter.send("segmenter", segmenter=segmenter.name, text=describe_segmenter(segmenter.name))
     return propagate(scene, clicks, segmenter, config, reporter), clicks, segmenter
 
 
@@ -153,7 +153,7 @@ def _all_building(scene: Scene) -> Propagation:
 
 def _user_masks(scene: Scene, masks_folder: Path, config: Config) -> Propagation:
     """Read and check the user's masks; photos without a mask are not used in training."""
-    given = read_supplied(masks_folder, scene)
+    given = read_user_masks(masks_folder, scene)
     labels, reasons = [], []
     for view, mask in zip(scene.views, given, strict=True):
         labels.append(np.zeros((view.height, view.width), np.uint8) if mask is None else mask)

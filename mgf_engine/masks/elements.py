@@ -22,6 +22,10 @@ from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 from mgf_engine.model.pixels import pixel_at
 
 LAST_ELEMENT = IGNORE - 1
+_BILATERAL = 7, 30, 5  # diameter in px, and the sigmas in grey levels and px, of the filter before the segmentation
+_FEWEST_PIXELS = 12  # of a segment, however small the building is in the photo
+_RIM = 3  # px around a segment that its colour is compared with
+_QUALITY_WEIGHT = 0.1  # of the model's own estimate, beside the share of the clicks that a mask holds
 
 
 @dataclass(frozen=True)
@@ -80,10 +84,10 @@ def segment_by_colour(
     count, result = 0, np.full(inside.shape, -1, np.int32)
     around = _around(inside, options)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
-    lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, 7, 30, 5), cv2.COLOR_RGB2LAB))
+    lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, *_BILATERAL), cv2.COLOR_RGB2LAB))
     lab[~grow(building_here, options.margin)] = 0  # one segment, quickly found
-    smallest = max(12, round(options.smallest * int(inside.sum())))
-    graph = cv2.ximgproc.segmentation.createGraphSegmentation(0.6, 250.0, smallest)
+    smallest = max(_FEWEST_PIXELS, round(options.smallest * int(inside.sum())))
+    graph = cv2.ximgproc.segmentation.createGraphSegmentation(options.sigma, options.scale, smallest)
     segments = graph.processImage(lab).astype(np.int32)
     segments[~building_here] = -1
     # A segment cut in two by the outline or an occluder is two segments.
@@ -116,12 +120,14 @@ def select_segments(
     for value, (rows, columns) in _boxes(segments).items():
         if not options.smallest * total <= sizes[value] <= options.largest * total:
             continue
-        box = slice(max(0, rows.start - 4), rows.stop + 4), slice(max(0, columns.start - 4), columns.stop + 4)
+        top, bottom = max(0, rows.start - _RIM - 1), rows.stop + _RIM + 1
+        left, right = max(0, columns.start - _RIM - 1), columns.stop + _RIM + 1
+        box = slice(top, bottom), slice(left, right)
         mask = segments[box] == value
-        ring = cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)).astype(bool) & ~mask
-        top, left = around[0].start, around[1].start
-        patch = lab[box[0].start - top : box[0].stop - top, box[1].start - left : box[1].stop - left]
-        if ring.any() and np.linalg.norm(patch[mask].mean(0) - patch[ring].mean(0)) < options.contrast:
+        rim = cv2.dilate(mask.astype(np.uint8), np.ones((2 * _RIM + 1,) * 2, np.uint8)).astype(bool) & ~mask
+        y, x = around[0].start, around[1].start
+        patch = lab[top - y : bottom - y, left - x : right - x]
+        if rim.any() and np.linalg.norm(patch[mask].mean(0) - patch[rim].mean(0)) < options.contrast:
             continue
         result.append(Element(box, mask))
     return result
@@ -144,7 +150,7 @@ def sam_elements(
     Args:
         photo: RGB uint8 [H, W, 3].
         inside: bool [H, W], where the building is.
-        sam: the model that is asked.
+        sam: the model.
         options: of the grid, and when a mask is good enough.
     """
     embedding = sam.embed(photo)
@@ -155,7 +161,7 @@ def sam_elements(
     y, x = pixel_at(inside.shape, grid)
     total, found = int(inside.sum()), []
     for point in grid[inside[y, x]]:
-        masks, quality = sam.ask(embedding, photo.shape[:2], point[None], np.array([POINT]))
+        masks, quality = sam.predict(embedding, photo.shape[:2], point[None], np.array([POINT]))
         for logits, value in zip(masks, quality, strict=True):
             stability = (logits > 1).sum() / max(1, (logits > -1).sum())
             if value < options.quality or stability < options.stability:
@@ -182,11 +188,11 @@ def _clicked(
     if sam is None:
         hit = segments[y, x]
         return np.isin(segments, hit[hit >= 0])
-    masks, quality = sam.ask(sam.embed(photo), photo.shape[:2], points, np.full(len(points), POINT))
+    masks, quality = sam.predict(sam.embed(photo), photo.shape[:2], points, np.full(len(points), POINT))
     best, best_score = np.zeros(inside.shape, bool), -1.0
     for logits, value in zip(masks, quality, strict=True):
         mask = cv2.resize(logits, (photo.shape[1], photo.shape[0]), interpolation=cv2.INTER_LINEAR) > 0
-        score = float(mask[y, x].mean()) + 0.1 * float(value)
+        score = float(mask[y, x].mean()) + _QUALITY_WEIGHT * float(value)
         if mask.sum() <= options.largest * inside.sum() and score > best_score:
             best, best_score = mask & inside, score
     return best

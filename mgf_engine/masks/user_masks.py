@@ -34,7 +34,7 @@ def no_mask_fits(folder: Path, photo: str) -> BadInput:
     return BadInput(f"No mask in '{folder}' fits a photo; name each like its photo, for example '{example}'.")
 
 
-def read_supplied(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
+def read_user_masks(folder: Path, scene: Scene) -> list[NDArray[np.uint8] | None]:
     """Read label maps of the photos that have a mask in the folder, None for the others.
 
     Raises:

@@ -26,6 +26,8 @@ from mgf_engine.spill import Spill
 
 CPU = torch.device("cpu")
 FAR = 1e6  # depth of pixels that show no surface
+RIM_WEIGHT = 0.1  # factor on the weight of pixels next to a depth jump, where depths are unreliable
+LEAST_COSINE = 0.1  # of the viewing angle: the weight of depths seen at a flatter angle falls no further
 BYTES_PER_PIXEL = 150  # memory of a depth map while it is matched and smoothed (measured)
 
 Progress = Callable[[float], None]
@@ -223,8 +225,9 @@ def depth_map(
     slope = np.clip(
         -(normal[..., 0] * u[None] + normal[..., 1] * v[:, None] + normal[..., 2]), options.least_slope, None
     )
-    weight = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), 0.1, 1.0) ** 2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth, options.jump), 0.1, 1.0) * np.where(matched.correlation > 0, 1.0, unmatched)
+    cosine = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), LEAST_COSINE, 1.0)
+    weight = cosine**2 / np.maximum(depth, 1e-6) ** 2
+    weight *= np.where(_rim(depth, options.jump), RIM_WEIGHT, 1.0) * np.where(matched.correlation > 0, 1.0, unmatched)
     shown = depth > 0
     weight = np.where(shown, weight, 0.0)
     if shown.any():  # pixels that see past the field: the whole ray is free space
@@ -261,6 +264,6 @@ def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed
 
 def _rim(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
     """Find the pixels next to a depth discontinuity, where depth is unreliable."""
-    kernel = np.ones((3, 3), np.uint8)
+    kernel = np.ones((3, 3), np.uint8)  # from corner to corner depth may change by three jumps
     spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * jump * depth
     return spread

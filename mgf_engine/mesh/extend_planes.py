@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, without_folds
-from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.mesh.plane_detection import PARALLEL, Planes
 from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
@@ -166,4 +166,4 @@ def _assembled(
     normals[at[kept], place[kept]], offsets[at[kept], place[kept]] = (
         planes.normals[plane[kept]], planes.offsets[plane[kept]],
     )  # fmt: skip
-    return _Constraints(rows, normals, offsets, np.asarray(np.linalg.pinv(normals, rcond=0.15), np.float64))
+    return _Constraints(rows, normals, offsets, np.asarray(np.linalg.pinv(normals, rcond=PARALLEL), np.float64))

@@ -200,6 +200,8 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     pixel = ground_pixels(mesh, trusted.views).astype(np.float64)
     if trusted.photos is None:
         return flatten(mesh, pixel, options.planes)
+    # Relief is measured twice: within the planes that region growing finds, and then within those that the vertices are
+    # labelled with, which reach farther.
     photos = see_vertices(mesh, pixel, trusted.views, trusted.photos.grey, options.patches)
     relief = Relief(photos, options.relief)
     flat, planes, inside = flatten_planes(mesh, pixel, options.planes, relief)

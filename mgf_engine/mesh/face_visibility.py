@@ -22,8 +22,8 @@ Labels = Sequence[NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
-class Picture:
-    """The visible face at each pixel of a view; only pixels that show one are stored.
+class FaceImage:
+    """The face visible at each pixel of a view; only pixels that show one are stored.
 
     Attributes:
         shape: (H, W).
@@ -36,7 +36,7 @@ class Picture:
     faces: NDArray[np.int32]
 
     @classmethod
-    def of(cls, face: NDArray[np.int32]) -> Picture:
+    def of(cls, face: NDArray[np.int32]) -> FaceImage:
         """Pack an image of face indices, int32 [H, W], -1 for none."""
         seen = face >= 0
         return cls((face.shape[0], face.shape[1]), np.packbits(seen), face[seen])
@@ -56,14 +56,14 @@ class PixelCounts:
         front, back: from outside (counter-clockwise corners), and from inside.
         inside: that the masks call building.
         known: about which the masks say anything.
-        pictures: which face each of them sees, of each view.
+        face_images: which face each of them sees, of each view.
     """
 
     front: Counts
     back: Counts
     inside: Counts
     known: Counts
-    pictures: Sequence[Picture]
+    face_images: Sequence[FaceImage]
 
 
 def count_pixels(mesh: Mesh, views: Sequence[View], labels: Labels | None = None) -> PixelCounts:
@@ -74,9 +74,9 @@ def count_pixels(mesh: Mesh, views: Sequence[View], labels: Labels | None = None
         labels: label map of each view, uint8 [H, W]; None: nothing is known.
     """
 
-    def show(number: int, at: NDArray[np.float64]) -> tuple[NDArray[np.int32], Picture]:
+    def show(number: int, at: NDArray[np.float64]) -> tuple[NDArray[np.int32], FaceImage]:
         face = seen_faces(mesh.faces, views[number], at)
-        return face, Picture.of(face)
+        return face, FaceImage.of(face)
 
     return _counted(mesh, views, labels, show)
 
@@ -96,8 +96,8 @@ def count_uncovered(
     clusters, number_of = FaceClusters.of(mesh.vertices, mesh.faces[left]), np.flatnonzero(left)
     stays = np.append(left, True)  # the last for pixels that see none
 
-    def show(number: int, at: NDArray[np.float64]) -> tuple[NDArray[np.int32], Picture]:
-        face = counts.pictures[number].unpacked()
+    def show(number: int, at: NDArray[np.float64]) -> tuple[NDArray[np.int32], FaceImage]:
+        face = counts.face_images[number].unpacked()
         lost = ~stays[face]
         near = clusters.touching(views[number], lost)
         drawn = seen_faces(clusters.faces[near].reshape(-1, 3), views[number], at)
@@ -105,7 +105,7 @@ def count_uncovered(
         cluster, place = np.divmod(drawn[shown], CLUSTER_SIZE)
         behind = np.full_like(face, -1)
         behind[shown] = number_of[near[cluster] * CLUSTER_SIZE + place]
-        return behind, Picture.of(np.where(lost, behind, face))
+        return behind, FaceImage.of(np.where(lost, behind, face))
 
     more = _counted(mesh, views, labels, show)
     return replace(
@@ -121,9 +121,9 @@ def _counted(
     mesh: Mesh,
     views: Sequence[View],
     labels: Labels | None,
-    show: Callable[[int, NDArray[np.float64]], tuple[NDArray[np.int32], Picture]],
+    show: Callable[[int, NDArray[np.float64]], tuple[NDArray[np.int32], FaceImage]],
 ) -> PixelCounts:
-    """Return the pictures, and how many pixels see each face.
+    """Return the face_images, and how many pixels see each face.
 
     Args:
         show: (number of a view, corners of the mesh there) -> face that each pixel to be counted sees, int32 [H, W],
@@ -132,13 +132,13 @@ def _counted(
     counts = np.zeros((len(mesh.faces), 4), np.int32)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
 
-    def add(number: int) -> Picture:
+    def add(number: int) -> FaceImage:
         at = corners(mesh.vertices, views[number])
         face, picture = show(number, at)
         label = None if labels is None else np.ascontiguousarray(labels[number])
         call("mgf_count_pixels", face.size, face, at, faces, label, IGNORE, counts)
         return picture
 
-    pictures = list(parallel_map(add, range(len(views))))
+    face_images = list(parallel_map(add, range(len(views))))
     front, back, inside, known = (np.ascontiguousarray(column) for column in counts.T)
-    return PixelCounts(front, back, inside, known, pictures)
+    return PixelCounts(front, back, inside, known, face_images)

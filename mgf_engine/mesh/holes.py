@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from mgf_engine.geometry.clean import edges, open_edges
 from mgf_engine.model.mesh import Mesh
 
+_EARS = 40  # candidates, those with the best angle, that are tested for points inside
+
 
 def boundary_loops(mesh: Mesh) -> list[NDArray[np.int32]]:
     """Walk the closed loops of vertices along open edges, each in the direction of its faces."""
@@ -113,7 +115,7 @@ def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int]) ->
         ends = names[np.roll(left, 1)].astype(np.int64), names[np.roll(left, -1)].astype(np.int64)
         chord = (np.minimum(*ends) << 32 | np.maximum(*ends)).tolist()
         new = [i for i in best.tolist() if chord[i] not in known] or best.tolist()
-        ear = next((i for i in new[:40] if turn[i] > 0 and not _covers(before[i], p[i], after[i], p)), new[0])
+        ear = next((i for i in new[:_EARS] if turn[i] > 0 and not _covers(before[i], p[i], after[i], p)), new[0])
         known.add(chord[ear])
         faces.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
         del left[ear]

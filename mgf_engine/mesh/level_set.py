@@ -42,7 +42,7 @@ def extract_level_set(
     field: OpacityField | TsdfField,
     steps: int,
     reporting: Reporting = Reporting(),
-    thin: Callable[[Mesh], Mesh] = lambda mesh: mesh,
+    merge: Callable[[Mesh], Mesh] = lambda mesh: mesh,
 ) -> Mesh:
     """Extract the surface O(x) = level between solid and free corners of the tetrahedra.
 
@@ -52,7 +52,7 @@ def extract_level_set(
         field: classifies points as solid or free.
         steps: maximum number of root-finding steps on each edge.
         reporting: callbacks.
-        thin: merges vertices of a block's mesh, except those on its borders; called if there are several blocks.
+        merge: merges vertices of a block's mesh, except those on its borders; called if there are several blocks.
 
     Raises:
         BadInput: there is no surface: everything is free, solid or unseen.
@@ -70,7 +70,7 @@ def extract_level_set(
             crossed.append(len(crossing.faces))
         with times.part("level set"):
             mesh = _place(blocks.sites, crossing, field, steps, report)
-            return mesh if count < 2 else thin(clean.weld(clean.with_faces(mesh, mesh.faces)))
+            return mesh if count < 2 else merge(clean.weld(clean.with_faces(mesh, mesh.faces)))
 
     mesh = mesh_of(0) if count < 2 else join_blocks(blocks, state, mesh_of, reporting.began)
     if len(mesh.faces) == 0 and not any(crossed):

@@ -26,7 +26,7 @@ from mgf_engine.system import atomic_path
 
 REST = "building"
 FILE = "mesh_parts.npz"
-MOST = 254  # parts that fit into a byte beside the rest
+MAX_PARTS = 254  # that fit into a byte beside the rest
 
 #: View index -> its labels that are the part.
 Elements = dict[int, list[int]]
@@ -51,7 +51,7 @@ def named_parts(masks_folder: Path, scene: Scene) -> dict[str, Elements]:
     index = {view.name: i for i, view in enumerate(scene.views)}
     result: dict[str, Elements] = {}
     for name, elements in entries:
-        if name.startswith("element-") or name == REST or (name not in result and len(result) == MOST):
+        if name.startswith("element-") or name == REST or (name not in result and len(result) == MAX_PARTS):
             continue
         for view, label in elements:
             if view in index:

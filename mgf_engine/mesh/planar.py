@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.geometry.normals import face_cross_products
 from mgf_engine.mesh.near_planes import listed, near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
-from mgf_engine.mesh.plane_detection import MeshFaces, Planes, find_planes, measure_faces
+from mgf_engine.mesh.plane_detection import PARALLEL, MeshFaces, Planes, find_planes, measure_faces
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
 
@@ -131,7 +131,7 @@ def _moves(
     matrix, want = np.zeros((len(rows), 3, 3)), np.zeros((len(rows), 3))
     matrix[at, place[more]], want[at, place[more]] = planes.normals[plane[more]], -off[more]
     if len(rows):
-        moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=0.15), want)
+        moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=PARALLEL), want)
     far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, o.crease_move, o.band) * pixel
     moves[far] = 0
     inside = np.zeros(total, bool)

@@ -23,6 +23,10 @@ from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.morton import arrange, cells_of, morton
 
+#: Cutoff of pseudo-inverses of the normals of several planes, as a share of the largest singular value: planes that are
+#: nearly parallel meet in no line that can be trusted.
+PARALLEL = 0.15
+
 
 @dataclass(frozen=True)
 class Planes:

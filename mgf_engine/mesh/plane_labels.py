@@ -34,6 +34,9 @@ class PlaneLabelOptions:
     reach: float = parameter(6.0, "Maximum distance of a vertex from its plane", "ground px")
     rings: int = parameter(20, "Maximum number of edges between a vertex and the faces that the plane was found on")
     trusted_distance: float = parameter(1.0, "Distance from the plane up to which photos are not compared", "ground px")
+    largest_area: float = parameter(
+        9.0, "Maximum area of a vertex that counts, so that none decides alone", "ground px²"
+    )
     no_plane_cost: float = parameter(0.1, "Cost of a vertex without plane")
     distance_cost: float = parameter(0.1, "Cost of the maximum distance from the plane")
     small_plane_cost: float = parameter(0.1, "Cost of a plane that is small or noisy")
@@ -92,8 +95,9 @@ def label_vertices(
     """
     candidates = _candidates(mesh, pixel, planes, o)
     area = np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
-    cost = np.minimum(area, 9.0)[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, o)
-    label = _choose(mesh, pixel, planes, candidates.near, cost, np.minimum(area, 9.0) * o.no_plane_cost, o)
+    counted = np.minimum(area, o.largest_area)
+    cost = counted[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, o)
+    label = _choose(mesh, pixel, planes, candidates.near, cost, counted * o.no_plane_cost, o)
     return _fill_islands(mesh, pixel, planes, area, label, o)
 
 

@@ -123,7 +123,9 @@ def span_points(
     """
     near = gaussians if box is None else select_near_box(gaussians, box, options.beside_box)
     sites = tetra_points(near, options.tetrahedra)
-    return sites if start is None else add_surface_points(sites, start.mesh, start.pixel, box, options.tetrahedra)
+    if start is None:
+        return sites
+    return add_surface_points(sites, start.mesh, start.pixel, box, options.beside_box, options.tetrahedra)
 
 
 def _reporting(blocks: TetraBlocks, reporter: Reporter, times: PartTimes) -> Reporting:

@@ -78,7 +78,9 @@ def refine(
     return mesh
 
 
-def render_surface(mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]) -> RenderedSurface:
+def render_mesh_surface(
+    mesh: Mesh, normals: NDArray[np.float64], view: View, grey: NDArray[np.uint8]
+) -> RenderedSurface:
     """Render the front faces of the mesh from a view.
 
     Args:
@@ -104,7 +106,7 @@ def _fuse_matched(
     normals = smoothed / np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-12)
 
     def show(number: int) -> RenderedSurface:
-        return render_surface(mesh, normals, trusted.views[number], photos.grey(number))
+        return render_mesh_surface(mesh, normals, trusted.views[number], photos.grey(number))
 
     maps = make_depth_maps(ViewSurfaces(show), trusted.silhouettes, photos.neighbours, options, progress)
     return TsdfField(maps, options.tsdf)

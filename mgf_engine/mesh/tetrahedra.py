@@ -25,8 +25,6 @@ from mgf_engine.scene.crop import CropBox
 from mgf_engine.start.samples import sample_poisson_disk
 
 MERGE = 1e-6  # distance below which points are merged, as a share of the longest side of their bounding box
-
-
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # [8, 3]
 
 
@@ -81,6 +79,7 @@ def add_surface_points(
     mesh: Mesh,
     pixel: float,
     box: CropBox | None = None,
+    beside: float = 0.0,
     options: TetrahedraOptions = TetrahedraOptions(),
 ) -> TetraPoints:
     """Add points on both sides of a surface where there are none near it, so that the level set can follow it.
@@ -90,6 +89,7 @@ def add_surface_points(
         mesh: the surface, normalised frame.
         pixel: size of a pixel at the building, in the mesh's units.
         box: crop box, in and near which points are added; None for no limit.
+        beside: margin of the box, as a share of its size.
         options: spacing of the new points, and their distance from the surface.
     """
     spacing = options.spacing * pixel
@@ -97,7 +97,7 @@ def add_surface_points(
     normals = face_normals(mesh)[face]
     kept = cKDTree(sites.points).query(points, distance_upper_bound=options.near * pixel)[0] == np.inf
     if box is not None:
-        kept &= box.contains(points, 0.1)
+        kept &= box.contains(points, beside)
     both = [points[kept] + side * options.off * pixel * normals[kept] for side in (-1, 1)]
     extent = np.concatenate([sites.extent, np.full(2 * int(kept.sum()), 2 * spacing)])
     return _merge(np.concatenate([sites.points, *both]), extent)

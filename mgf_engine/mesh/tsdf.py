@@ -72,7 +72,7 @@ class TsdfField:
         or the votes of views decide; NaN where no view sees the point.
         """
 
-        def verdict(sample: NDArray[np.void]) -> NDArray[np.float32]:
+        def signed_of(sample: NDArray[np.void]) -> NDArray[np.float32]:
             result = _distance(sample) - self.offset
             result[sample["behind"] >= self.options.outvoted * sample["judging"] ** 2] = -np.inf
             unknown = sample["weight"] == 0
@@ -81,7 +81,7 @@ class TsdfField:
                 result[outside_hull(sample["outside"], sample["seen"], self.options.hull)] = np.inf
             return np.asarray(result, np.float32)
 
-        return _joined(self._ask(points, verdict, progress), np.float32)
+        return _joined(self._sample(points, signed_of, progress), np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
         """Set the level to the median distance of triangulated surface points [N, 3]; return it, in pixels.
@@ -95,7 +95,7 @@ class TsdfField:
             distance = _distance(sample)[known]
             return distance[np.abs(distance) < 0.9]
 
-        near = _joined(self._ask(points, near_level), np.float32)
+        near = _joined(self._sample(points, near_level), np.float32)
         self.offset = float(np.median(near)) if len(near) >= self.options.calibration_points else 0.0
         return self.offset * self.band
 
@@ -108,7 +108,7 @@ class TsdfField:
         def off(sample: NDArray[np.void]) -> NDArray[np.float32]:
             return np.where(sample["weight"] > 0, _distance(sample) - self.offset, np.nan).astype(np.float32)
 
-        return _joined(self._ask(points, off), np.float32)
+        return _joined(self._sample(points, off), np.float32)
 
     def observations(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         """Count the views that show a surface at points [N, 3], and rate its confidence.
@@ -119,24 +119,24 @@ class TsdfField:
             none does (the surface only closes a gap).
         """
 
-        def trust(sample: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
+        def rate(sample: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
             alike = sample["correlation"] / np.maximum(sample["near"], 1)
             enough = np.minimum(sample["near"] / self.options.full_views, 1.0)
             confidence = enough * (0.5 + 0.5 * np.clip(alike, 0, 1))
             shown = (sample["weight"] > 0) & (np.abs(_distance(sample) - self.offset) < self.options.confirmed)
             return shown, np.minimum(sample["near"], 255).astype(np.uint8), confidence.astype(np.float32)
 
-        found = list(self._ask(points, trust))
+        found = list(self._sample(points, rate))
         kinds = {"confirmed": np.bool_, "views": np.uint8, "confidence": np.float32}
         return {name: _joined((f[k] for f in found), kind) for k, (name, kind) in enumerate(kinds.items())}
 
-    def _ask(
+    def _sample(
         self,
         points: NDArray[np.float64],
-        answer: Callable[[NDArray[np.void]], T],
+        evaluate: Callable[[NDArray[np.void]], T],
         progress: Progress = lambda share: None,
     ) -> Iterator[T]:
-        """Integrate all views at points [N, 3], and yield ``answer(samples)`` for each CHUNK of points.
+        """Integrate all views at points [N, 3], and yield ``evaluate(samples)`` for each CHUNK of points.
 
         Samples are struct TsdfSample of ``native/csrc/mesh/fuse.c``.
         """
@@ -146,7 +146,7 @@ class TsdfField:
             part = np.ascontiguousarray(points[start : start + CHUNK], dtype=np.float32)
             sample = np.zeros(len(part), _SAMPLE)
             parallel("mgf_integrate_depths", len(part), part, views, len(views), NEAR, self.options.jump, sample)
-            return answer(sample)
+            return evaluate(sample)
 
         starts = range(0, len(points), CHUNK)
         for start, result in zip(starts, parallel_map(one, starts), strict=True):

@@ -7,7 +7,7 @@ import pytest
 from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.user_masks import read_supplied, to_labels
+from mgf_engine.masks.user_masks import read_user_masks, to_labels
 from mgf_engine.model.scene import Scene
 
 WHERE = Path("mask.png")
@@ -76,7 +76,7 @@ def test_palette_files(tmp_path: Path, scene: Scene):
     picture = Image.fromarray((square() > 0).astype(np.uint8), "P")
     picture.putpalette([0, 0, 0, 220, 20, 60])
     picture.save(tmp_path / "two.png")
-    assert (read_supplied(tmp_path, scene)[1] == (square()[1::2, 1::2] > 0)).all()
+    assert (read_user_masks(tmp_path, scene)[1] == (square()[1::2, 1::2] > 0)).all()
 
 
 def test_float_pixels_are_refused():
@@ -87,7 +87,7 @@ def test_float_pixels_are_refused():
 @pytest.mark.parametrize("name", ["a/one.png", "a/one.jpg.png", "one.png", "one.jpg.png"])
 def test_names_and_scaling(tmp_path: Path, scene: Scene, name: str):
     save(tmp_path, name, square())
-    first, second = read_supplied(tmp_path, scene)
+    first, second = read_user_masks(tmp_path, scene)
     assert second is None and first is not None
     assert first.shape == (10, 20) and first.dtype == np.uint8
     assert first.sum() == 50
@@ -96,26 +96,26 @@ def test_names_and_scaling(tmp_path: Path, scene: Scene, name: str):
 def test_masks_of_the_working_photo_are_taken_as_they_are(tmp_path: Path, scene: Scene):
     small = square()[::2, ::2].copy()
     save(tmp_path, "one.png", small)
-    assert (read_supplied(tmp_path, scene)[0] == (small > 0)).all()
+    assert (read_user_masks(tmp_path, scene)[0] == (small > 0)).all()
 
 
 def test_refusals(tmp_path: Path, scene: Scene):
     with pytest.raises(BadInput, match="does not exist"):
-        read_supplied(tmp_path / "none", scene)
+        read_user_masks(tmp_path / "none", scene)
     with pytest.raises(BadInput, match="fits a photo; name each like its photo"):
-        read_supplied(tmp_path, scene)
+        read_user_masks(tmp_path, scene)
     save(tmp_path, "one.png", np.zeros((20, 40), np.uint8))
     with pytest.raises(BadInput, match="is empty"):
-        read_supplied(tmp_path, scene)
+        read_user_masks(tmp_path, scene)
     save(tmp_path, "one.png", np.full((20, 40), 255, np.uint8))
     with pytest.raises(BadInput, match="covers its whole photo"):
-        read_supplied(tmp_path, scene)
+        read_user_masks(tmp_path, scene)
     save(tmp_path, "one.png", square()[:, :39])
     with pytest.raises(BadInput, match=r"39 x 20 pixels, but its photo has 40 x 20"):
-        read_supplied(tmp_path, scene)
+        read_user_masks(tmp_path, scene)
     (tmp_path / "one.png").write_bytes(b"not a picture")
     with pytest.raises(BadInput, match="cannot be read"):
-        read_supplied(tmp_path, scene)
+        read_user_masks(tmp_path, scene)
     (tmp_path / "one.png").write_bytes(b"")
     with pytest.raises(BadInput, match="cannot be read"):
-        read_supplied(tmp_path, scene)
+        read_user_masks(tmp_path, scene)

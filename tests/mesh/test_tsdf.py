@@ -168,7 +168,7 @@ def test_samples_are_those_of_the_plain_sum_over_views() -> None:
     rows = np.arange(HEIGHT, dtype=np.int64) * WIDTH
     field = TsdfField([DepthMap(view, mask, rows, m.reshape(-1, 4)) for view, m in zip(views, maps, strict=True)])
     points = rng.uniform(-1, 1, (3000, 3)).astype(np.float32).astype(np.float64)
-    found = np.concatenate(list(field._ask(points, lambda sample: sample)))
+    found = np.concatenate(list(field._sample(points, lambda sample: sample)))
     expected = plain_samples(points, views, maps, mask, field.band)
     for name in ("covered", "outside", "seen", "near", "judging", "behind"):
         assert found[name].sum() > 50

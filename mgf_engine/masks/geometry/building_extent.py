@@ -30,6 +30,7 @@ from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.geometry.point_surface import Columns, Map, SurfaceOptions, make_surface
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.image_ops import disc, enclosed
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.gravity import GravityOptions, looking_down
 
@@ -48,6 +49,14 @@ class ExtentOptions:
     core: float = parameter(1.5, "Size of the gaps between points that are closed", "point spacings")
     expected: float = parameter(8.0, "Number of expected points in the window in which they are counted", low=0.1)
     hull_piece: float = parameter(0.1, "Minimum share of the core of a piece that widens the convex hull", high=1)
+    enough_expected: float = parameter(
+        0.6, "Share of that number from which the observed points are compared with the expected ones", high=1
+    )
+    hidden_below: float = parameter(
+        0.2,
+        "Share of the expected points that are observed, over that of the whole photo, below which a pixel is hidden",
+        high=1,
+    )
     hidden_blur: tuple[float, float] = parameter(
         (5.0, 14.0), "Standard deviation of the smallest and the largest window, on the map", "px", low=0.1
     )
@@ -111,8 +120,8 @@ class BuildingExtent:
         self.others = make_surface(scene, shape, others, True, None, fine, options.surface)
         self.floor = ground or _lowest(scene, shape, keep)
 
-    def place(self, index: int) -> ViewRegions:
-        """Return all maps of view ``index``."""
+    def view_regions(self, index: int) -> ViewRegions:
+        """Compute all maps of view ``index``."""
         view = self.scene.views[index]
         h, w = map_size(view)
         if not len(self.columns.samples):
@@ -137,8 +146,7 @@ class BuildingExtent:
         """
         view, (h, w) = self.scene.views[index], place.core.shape
         here = self.scene.observations(index)
-        x, y = np.floor(self.scene.track_uv[here] * (w / view.width, h / view.height)).astype(np.int64).T
-        x, y = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
+        y, x = pixel_at((h, w), self.scene.track_uv[here] * (w / view.width, h / view.height))
         depth = view.project(self.scene.points[self.visibility.owner[here]])[1]
         return (place.core & ~place.ground_first)[y, x] & (depth > place.near[y, x] - self.body.tolerance)
 
@@ -186,7 +194,8 @@ class BuildingExtent:
         )
         local = [cv2.GaussianBlur(c, (0, 0), sigma) * (4 * np.pi * sigma**2) for c in counts]
         usual = float(seen.mean())
-        return (local[0] > 0.6 * self.options.expected) & (local[1] < 0.2 * usual * local[0])
+        enough = local[0] > self.options.enough_expected * self.options.expected
+        return enough & (local[1] < self.options.hidden_below * usual * local[0])
 
 
 def _map_pixel(scene: Scene, keep: Map, o: ExtentOptions) -> float:

@@ -135,7 +135,7 @@ def _new_points(
     index: int, depths: Depths, bare: Flags, options: DensifyOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return at most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its grey as colour [N, 3]."""
-    pixels, points = depths.points(index, bare & _calm(depths.maps[index], options))
+    pixels, points = depths.points(index, bare & _smoothly_matched(depths.maps[index], options))
     side = _cell(bare.shape, options)
     cell = pixels // side @ np.array([bare.shape[1], 1])
     aside = np.abs(pixels % side - side / 2).sum(1)
@@ -160,8 +160,8 @@ def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -
     return result
 
 
-def _calm(depth: NDArray[np.float32], options: DensifyOptions) -> Flags:
-    """Find pixels [h, w] around which nearly all are matched and the depth changes evenly."""
+def _smoothly_matched(depth: NDArray[np.float32], options: DensifyOptions) -> Flags:
+    """Find pixels [h, w] around which nearly all are matched, without a depth discontinuity."""
     window = np.ones((2 * options.window + 1,) * 2, np.uint8)
     matched = cv2.blur((depth > 0).astype(np.float32), window.shape) > options.matched
     around = np.ones((3, 3), np.uint8)

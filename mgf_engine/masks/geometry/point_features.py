@@ -93,8 +93,7 @@ def measure_point_features(
 
 
 def _astray(offsets: NDArray, spacing: NDArray, index: NDArray, options: PointFeatureOptions) -> NDArray[np.bool_]:
-    """Compute how far points lie off their neighbours' surface, from the offsets [P, K, 3] to these, ``index``
-    [P, K]."""
+    """Find points beside their neighbours ``index`` [P, K] and away from them, by the offsets [P, K, 3] to these."""
     one_sided = np.linalg.norm(offsets.mean(1), axis=1) > options.one_sided * np.linalg.norm(offsets, axis=2).mean(1)
     return np.asarray(one_sided & (spacing > options.astray * spacing[index].mean(1)), bool)
 
@@ -102,7 +101,8 @@ def _astray(offsets: NDArray, spacing: NDArray, index: NDArray, options: PointFe
 def _links(
     distance: NDArray, index: NDArray, spacing: NDArray, normals: NDArray, flatness: NDArray
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return self-tuning closeness: near, and where both sides are planar, facing the same way."""
+    """Return the pairs of neighbours and their closeness: near (self-tuning), and of the same direction where both are
+    planar."""
     count, k = index.shape
     first, second = np.repeat(np.arange(count), k), index.ravel()
     near = np.exp(-(distance.ravel() ** 2) / (2 * spacing[first] * spacing[second]))

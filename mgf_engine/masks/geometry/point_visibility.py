@@ -20,6 +20,9 @@ class PointVisibilityOptions:
     same_side: float = parameter(
         0.94, "Minimum cosine between two viewing directions that should see the same points", high=1
     )
+    same_distance: tuple[float, float] = parameter(
+        (0.7, 1.4), "Ratio of two distances from a point at which both cameras should see it", low=1e-3
+    )
     steep: float = parameter(0.35, "Minimum cosine to the normal at which a photo should see a point", high=1)
 
 
@@ -61,9 +64,11 @@ class PointVisibility:
             towards = self.scene.points - self.scene.views[index].centre
             length = np.linalg.norm(towards, axis=1)
             facing = np.abs((towards * self.shape.normals).sum(1)) > self.options.steep * length
-            mine = length[self.owner]
+            mine, (nearest, farthest) = length[self.owner], self.options.same_distance
             cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
-            alike = (cosine > self.options.same_side) & (self._lengths > 0.7 * mine) & (self._lengths < 1.4 * mine)
+            alike = (
+                (cosine > self.options.same_side) & (self._lengths > nearest * mine) & (self._lengths < farthest * mine)
+            )
             result = np.zeros(len(self.scene.points), bool)
             result[self.owner[alike]] = True
             self._expected[index] = ((result & facing) | self.observed(index)) & self._tracked

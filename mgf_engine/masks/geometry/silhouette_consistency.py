@@ -53,7 +53,7 @@ class SilhouetteConsistencyOptions:
 
 @dataclass(frozen=True)
 class Silhouette:
-    """What one photo says: its camera, its regions, and of each region how far it is building and how much it counts.
+    """Soft silhouette of the building in one photo: how far each region is building, and how much that counts.
 
     Attributes:
         view, regions: the camera, and ``S`` superpixels.
@@ -88,16 +88,16 @@ def silhouette_odds(
     """
     cells, size = _cells(points, ground, o)
     total, count = np.zeros(len(cells), np.float32), np.zeros(len(cells), np.float32)
-    for said, weight in parallel_map(lambda s: _ask(s, cells), silhouettes, threads):
-        total += said * weight
+    for inside, weight in parallel_map(lambda s: _sample(s, cells), silhouettes, threads):
+        total += inside * weight
         count += weight
     kept = total >= o.carved * count
     cells, total, count = cells[kept], total[kept], count[kept]
 
     def odds(silhouette: Silhouette) -> NDArray[np.float64]:
-        said, weight = _ask(silhouette, cells)
+        inside, weight = _sample(silhouette, cells)
         others = count - weight
-        share = (total - said * weight) / np.maximum(others, 1e-6)
+        share = (total - inside * weight) / np.maximum(others, 1e-6)
         share[others < o.least_views] = o.shares[1]
         largest = _largest_in_regions(silhouette, cells, share, size)
         return np.interp(largest, o.shares, (o.odds_against, 0.0, o.odds_for))
@@ -116,14 +116,14 @@ def _cells(
     return cells if ground is None else cells[ground.height(cells) > -size / 2], size
 
 
-def _ask(silhouette: Silhouette, cells: NDArray[np.float64]) -> tuple[Array, Array]:
-    """Return how far a photo holds each cell [N, 3] and how much that counts, 0 out of the frame; [N] each."""
+def _sample(silhouette: Silhouette, cells: NDArray[np.float64]) -> tuple[Array, Array]:
+    """Look up ``inside`` and ``weight`` of the region that a cell [N, 3] projects to, 0 out of the frame; [N] each."""
     view = silhouette.view
     uv, _, framed = view.project_into_frame(cells)
-    said, weight = np.zeros(len(cells), np.float32), np.zeros(len(cells), np.float32)
+    inside, weight = np.zeros(len(cells), np.float32), np.zeros(len(cells), np.float32)
     region = silhouette.regions.at(uv[framed])
-    said[framed], weight[framed] = silhouette.inside[region], silhouette.weight[region]
-    return said, weight
+    inside[framed], weight[framed] = silhouette.inside[region], silhouette.weight[region]
+    return inside, weight
 
 
 def _largest_in_regions(silhouette: Silhouette, cells: NDArray[np.float64], share: Array, size: float) -> Array:

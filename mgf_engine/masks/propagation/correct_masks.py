@@ -166,7 +166,7 @@ class MaskCorrection:
         Returns:
             the holes that were cut, and the mask before; None without holes.
         """
-        view, place = self.scene.views[index], extent.place(index)
+        view, place = self.scene.views[index], extent.view_regions(index)
         size = (view.width, view.height)
         core = cv2.resize(place.core.astype(np.uint8), size) > 0
         seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0

@@ -72,7 +72,7 @@ class GeometricOdds:
         photos = zip(graph.scene.views, graph.regions, pieces, strict=False)  # the last pieces are the points'
         self._sky_behind = sky_behind(graph.full.points, photos, self.options.floaters)
 
-    def place(
+    def evaluate(
         self, probability: Array, appearance: Array, prompts: Prompts, seed: int, views: Sequence[int]
     ) -> GeometricEvidence:
         """Compute the odds that the geometry gives in these views.
@@ -138,7 +138,7 @@ class GeometricOdds:
 
         Args:
             probability: of "building" so far, of all nodes [N].
-            placed: evidence of :meth:`place`.
+            placed: evidence of :meth:`evaluate`.
             views: indices of the views to look at.
         """
         graph, own = self.graph, self.options.silhouettes
@@ -215,7 +215,7 @@ class GeometricOdds:
             tied: how likely regions belong to the building although no point of it is near, 0..1, [regions].
             clicks: positive ones of the view, working pixels [N, 2].
         """
-        place = extent.place(index)
+        place = extent.view_regions(index)
         sure = 1 - tied[self.graph.start[index] : self.graph.start[index + 1]]
         view = self.graph.scene.views[index]
         if self._clicks_beyond(place, view, clicks):

@@ -81,7 +81,7 @@ class LabelPropagation:
             appearance = self._appearance(probability, teach, seed)
             odds = appearance + self.options.plant_odds * self.graph.plants + self.options.sky_odds * sky
             if round_ > 0:
-                placed = self.geometry.place(probability, appearance, prompts, seed, looked_at)
+                placed = self.geometry.evaluate(probability, appearance, prompts, seed, looked_at)
                 odds += placed.odds
                 tied = np.maximum(self.evidence_weight, self.options.over_weight * self.graph.degree)
                 weight = np.where(placed.over, tied, self.evidence_weight)

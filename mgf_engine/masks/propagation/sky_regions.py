@@ -122,14 +122,14 @@ def _like_sky(
         return none, none, none
     above = masked_mean(lab, sure, 2.0 * reach)
     below = masked_mean(lab, shrink(mask, reach), 2.0 * reach)
-    told = below.weight > o.least_weight
+    known = below.weight > o.least_weight
     contrast = distance(above.colour, below.colour)
-    most = np.where(told, np.clip(0.4 * contrast, o.skyline_steps[0], step), np.float32(o.skyline_steps[0]))
+    most = np.where(known, np.clip(0.4 * contrast, o.skyline_steps[0], step), np.float32(o.skyline_steps[0]))
     like = distance(lab, enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
     near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > o.least_weight)
     clear = near & like & _joined(like & (near | sure), sure)
-    # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
-    clear &= enlarge(((contrast > least) | ~told).astype(np.float32), mask.shape) > 0.5
+    # A wall as bright as the sky behind it cannot be known from it: there the regions know better.
+    clear &= enlarge(((contrast > least) | ~known).astype(np.float32), mask.shape) > 0.5
     return near, like, clear
 
 
@@ -174,7 +174,7 @@ def _with_rim(regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64
 
 
 def _pieces(regions: Regions, step: float, o: SkyOptions) -> NDArray[np.int64]:
-    """Smooth regions joined where no edge runs between them: number of the piece, [S]."""
+    """Label the connected pieces of smooth regions without an edge between them, [S]."""
     smooth = regions.features[:, 3] <= o.smooth
     a, b = regions.pairs.T
     open_ = (regions.contrast <= step) & smooth[a] & smooth[b]

@@ -15,7 +15,7 @@ from mgf_engine.model.pixels import pixel_at
 Points = NDArray[np.floating]
 
 CLICK_POINTS = 10  # weight of a click in the score, in sparse points
-DOUBT = 10  # number of rejected points in a photo below which they count less
+PSEUDO_COUNT = 10  # added to the number of rejected points, so that a few of them count less
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,13 @@ def agreement(mask: NDArray[np.bool_], hints: Hints) -> float:
     near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     deep = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1).astype(bool)
     good = _share(near, hints.accepted, hints.positive, 0)
-    bad = _share(deep, hints.rejected, hints.negative, DOUBT)
+    bad = _share(deep, hints.rejected, hints.negative, PSEUDO_COUNT)
     return max(0.0, good - bad)
 
 
-def _share(mask: NDArray[np.bool_], points: Points, clicks: Points, doubt: int) -> float:
+def _share(mask: NDArray[np.bool_], points: Points, clicks: Points, pseudo_count: int) -> float:
     weight = len(points) + CLICK_POINTS * len(clicks)
-    return float(inside(mask, points).sum() + CLICK_POINTS * inside(mask, clicks).sum()) / max(weight + doubt, 1)
+    return float(inside(mask, points).sum() + CLICK_POINTS * inside(mask, clicks).sum()) / max(weight + pseudo_count, 1)
 
 
 def inside(mask: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:

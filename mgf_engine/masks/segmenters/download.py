@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
-import sys
 import urllib.error
 import urllib.request
 from dataclasses import dataclass
@@ -14,7 +12,7 @@ from pathlib import Path
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.system import atomic_path, put_in_place
+from mgf_engine.system import atomic_path, put_in_place, user_cache
 
 #: Apache-2.0, exported to ONNX by the labelme project.
 BASE_URL = "https://github.com/labelmeai/efficient-sam/releases/download/onnx-models-20231225"
@@ -64,13 +62,7 @@ WEIGHTS: dict[str, tuple[WeightFile, WeightFile]] = {
 
 def default_folder() -> Path:
     """Return the user's cache folder for weights."""
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local")
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library/Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "mgf" / "weights"
+    return user_cache() / "weights"
 
 
 def find_weights(folder: Path) -> tuple[str, Path, Path] | None:

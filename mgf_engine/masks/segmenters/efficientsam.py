@@ -75,8 +75,8 @@ class EfficientSam:
         embedding = self.embed(photo)
         size = (photo.shape[0], photo.shape[1])
         best = Segment(np.zeros(size, bool), -1.0)
-        for points, labels in queries(hints, attempt):
-            masks, _ = self.ask(embedding, size, points, labels)
+        for points, labels in point_prompts(hints, attempt):
+            masks, _ = self.predict(embedding, size, points, labels)
             for logits in masks:
                 mask = clean(_enlarge(logits, size) > 0, hints)
                 score = agreement(mask, hints)
@@ -109,10 +109,10 @@ class EfficientSam:
             np.save(stream, embedding.astype(np.float16), allow_pickle=False)
         return embedding.astype(np.float16).astype(np.float32)
 
-    def ask(
+    def predict(
         self, embedding: NDArray[np.float32], size: tuple[int, int], points: Points, labels: NDArray[np.floating]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Ask for candidates for up to six points.
+        """Predict candidate masks for up to six points.
 
         Args:
             embedding: [1, 256, 64, 64].
@@ -140,26 +140,25 @@ class EfficientSam:
         return masks.reshape(-1, *masks.shape[-2:]), quality.reshape(-1)
 
 
-def queries(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[np.float64]]]:
-    """Yield point sets of at most six: the clicks, the box with four spread points, six spread points, and halves of
-    it."""
+def point_prompts(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[np.float64]]]:
+    """Yield prompts of at most six points: the clicks; the box with four points spread out; twice six such points."""
     if len(hints.positive):
-        chosen = spread(hints.positive, MAX_POINTS, attempt)
+        chosen = sample_spread_points(hints.positive, MAX_POINTS, attempt)
         yield chosen, np.full(len(chosen), POINT)
     accepted = hints.accepted if len(hints.accepted) else hints.positive
     if not len(accepted):
         return
     if hints.box is not None:
         corners = np.array(hints.box).reshape(2, 2)
-        chosen = spread(accepted, MAX_POINTS - 2, attempt)
+        chosen = sample_spread_points(accepted, MAX_POINTS - 2, attempt)
         labels = np.concatenate([[BOX_START, BOX_END], np.full(len(chosen), POINT)])
         yield np.concatenate([corners, chosen]), labels
     for start in (2 * attempt, 2 * attempt + 1):
-        chosen = spread(accepted, MAX_POINTS, 2 * start + 1)
+        chosen = sample_spread_points(accepted, MAX_POINTS, 2 * start + 1)
         yield chosen, np.full(len(chosen), POINT)
 
 
-def spread(points: Points, count: int, skip: int = 0) -> Points:
+def sample_spread_points(points: Points, count: int, skip: int = 0) -> Points:
     """Choose ``count`` of points [N, 2] by farthest-point sampling, starting nearest the median or ``skip`` places
     on."""
     if len(points) <= count and not skip:

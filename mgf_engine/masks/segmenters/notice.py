@@ -11,30 +11,30 @@ from mgf_engine.masks.segmenters.download import WEIGHTS, find_weights
 TITLES = {"efficientsam": "EfficientSAM", "random_walker": "random walker, which needs no weights"}
 
 
-def offer() -> str:
+def describe_download() -> str:
     """Say how to get EfficientSAM, as half a sentence."""
     size = sum(f.size for f in WEIGHTS["vitt"]) / 1e6
     return f"'mgf weights' fetches those of EfficientSAM, the paper's segmenter ({size:.0f} MB, Apache-2.0)"
 
 
-def notice(segmenter: str) -> str:
+def describe_segmenter(segmenter: str) -> str:
     """Return one sentence for the start of the masks stage; ``segmenter`` is its ``name``."""
     if segmenter == "efficientsam":
         return "Masks: drawn by EfficientSAM; '--segmenter random_walker' draws them without weights."
-    return f"Masks: drawn by the random walker, which needs no weights; {offer()}."
+    return f"Masks: drawn by the random walker, which needs no weights; {describe_download()}."
 
 
-def standing(folder: Path) -> str:
+def describe_automatic_choice(folder: Path) -> str:
     """Say which segmenter ``auto`` takes with the weights in a folder, for ``mgf doctor``.
 
     Raises:
         BadInput: weights are there, but damaged.
     """
     found = find_weights(folder)
-    return f"{TITLES['efficientsam']} ({found[0]})" if found else f"{TITLES['random_walker']}; {offer()}"
+    return f"{TITLES['efficientsam']} ({found[0]})" if found else f"{TITLES['random_walker']}; {describe_download()}"
 
 
-def used(masks_folder: Path) -> str:
+def describe_used_segmenter(masks_folder: Path) -> str:
     """Say which segmenter made the masks of a job, for its report."""
     try:
         name = json.loads((masks_folder / "scores.json").read_text(encoding="utf-8")).get("segmenter")

@@ -87,7 +87,7 @@ def test_rows_are_drawn_as_numpy_draws_them(count: int):
 
 
 def test_core_reaches_down_to_the_ground_and_not_beyond_the_wall(scene: Scene, extent: BuildingExtent):
-    place, view = extent.place(1), scene.views[1]
+    place, view = extent.view_regions(1), scene.views[1]
     assert place.core.shape == map_size(view)
     assert at(place.core, view, [0, 0, 2]) and at(place.core, view, [0, 0, 0.3])  # no points below 0.8
     assert not at(place.core, view, [0, 0, 3.3]) and not at(place.core, view, [2.3, 0, 2])
@@ -113,7 +113,7 @@ def test_a_ray_that_meets_the_ground_within_the_plan_has_passed_a_wall(scene: Sc
     keep = np.arange(len(with_ground)) < count
     ground = find_ground(bare, shape, (~keep).astype(float), 0)
     assert ground is not None
-    place = BuildingExtent(bare, shape, keep, ground, PointVisibility(bare, shape)).place(1)
+    place = BuildingExtent(bare, shape, keep, ground, PointVisibility(bare, shape)).view_regions(1)
     view = bare.views[1]
     assert at(place.core, view, [0, 0, 0.4]) and not at(place.ground_first, view, [0, 0, 0.4])
     assert at(place.ground_first, view, [0, -0.6, 0]) and not at(place.core, view, [0, -0.6, 0])
@@ -126,18 +126,18 @@ def test_a_point_astray_adds_nothing(scene: Scene):
     astray.points[first] = [2.4, 0, 2.8]
     shape = measure_point_features(astray)
     keep = np.repeat([True, False], [WALL, GROUND])
-    place = BuildingExtent(astray, shape, keep, None, PointVisibility(astray, shape)).place(1)
+    place = BuildingExtent(astray, shape, keep, None, PointVisibility(astray, shape)).view_regions(1)
     assert not at(place.reach, scene.views[1], [2.4, 0, 2.8]) and at(place.reach, scene.views[1], [1.8, 0, 2.8])
 
 
 def test_ground_first(scene: Scene, extent: BuildingExtent):
-    place, view = extent.place(1), scene.views[1]
+    place, view = extent.view_regions(1), scene.views[1]
     assert at(place.ground_first, view, [0, -1.5, 0]) and at(place.ground_first, view, [2.5, -1, 0])
     assert not at(place.ground_first, view, [0, 0, 0.4]) and not at(place.ground_first, view, [2.5, 0, 2.5])
 
 
 def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: BuildingExtent):
-    within = extent.within(1, extent.place(1))
+    within = extent.within(1, extent.view_regions(1))
     owner = extent.visibility.owner[scene.track_view == 1]
     assert within[owner < WALL].mean() > 0.95
     before = (owner >= WALL) & (scene.points[owner, 1] < -0.5)
@@ -146,14 +146,16 @@ def test_within_is_what_is_seen_on_the_wall_or_through_it(scene: Scene, extent: 
 
 def test_hidden_where_expected_points_are_missing(scene: Scene, extent: BuildingExtent):
     right, left = [1.4, 0, 2.0], [-1.0, 0, 2.0]
-    assert at(extent.place(2).hidden, scene.views[2], right)
-    assert not at(extent.place(2).hidden, scene.views[2], left)
-    assert not at(extent.place(1).hidden, scene.views[1], right)
+    assert at(extent.view_regions(2).hidden, scene.views[2], right)
+    assert not at(extent.view_regions(2).hidden, scene.views[2], left)
+    assert not at(extent.view_regions(1).hidden, scene.views[1], right)
 
 
 def test_nothing_kept(scene: Scene):
     shape = measure_point_features(scene)
-    empty = BuildingExtent(scene, shape, np.zeros(WALL + GROUND, bool), None, PointVisibility(scene, shape)).place(0)
+    empty = BuildingExtent(
+        scene, shape, np.zeros(WALL + GROUND, bool), None, PointVisibility(scene, shape)
+    ).view_regions(0)
     assert not empty.core.any() and not empty.ground_first.any() and not empty.hidden.any()
 
 

@@ -58,7 +58,7 @@ def place(
         return found(keep, *rest)
 
     geometry._extent = extent  # type: ignore[method-assign]
-    evidence = geometry.place(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
+    evidence = geometry.evaluate(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
     return evidence, used[0] if used else np.zeros(len(points), bool)
 
 
@@ -150,7 +150,7 @@ def test_improbable_points_away_from_the_building_are_of_other_things(scene: Sce
     geometry._extent = lambda *given: others.append(given[-1]) or found(*given)  # type: ignore[method-assign]
     probability = np.concatenate([np.full(graph.region_count, 0.5), np.where(far, 0.05, 0.95)])
     prompts = {VIEWS[0]: click(scene, ~far & (heights(scene) > 1.0))}
-    evidence = geometry.place(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
+    evidence = geometry.evaluate(probability, np.zeros(len(probability)), prompts, 0, VIEWS)
     raised = far & ~evidence.grounded[graph.region_count :]
     assert raised.any() and others[0][raised].all() and not others[0][~far].any()
 

@@ -17,8 +17,8 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks, choose_segmenter
 from mgf_engine.masks.elements import sam_elements
 from mgf_engine.masks.segmenters import download
-from mgf_engine.masks.segmenters.efficientsam import EfficientSam, queries, spread
-from mgf_engine.masks.segmenters.notice import used
+from mgf_engine.masks.segmenters.efficientsam import EfficientSam, point_prompts, sample_spread_points
+from mgf_engine.masks.segmenters.notice import describe_used_segmenter
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import building
@@ -75,7 +75,7 @@ def test_embeddings_are_cached_on_disk(sam: EfficientSam, photo: np.ndarray, pai
 def test_large_photos_ask_for_small_masks(sam: EfficientSam):
     photo = np.full((1500, 3000, 3), GREEN, np.uint8)
     photo[300:1200, 600:2400] = RED
-    masks, quality = sam.ask(sam.embed(photo), photo.shape[:2], np.array([[1500.0, 700]]), np.array([1.0]))
+    masks, quality = sam.predict(sam.embed(photo), photo.shape[:2], np.array([[1500.0, 700]]), np.array([1.0]))
     assert masks.shape == (3, 512, 1024) and quality.shape == (3,)
     found = sam.segment(0, photo, hints(photo.shape[:2], positive=np.array([[1500.0, 700]])))
     # One cell of the 64 x 64 grid is 47 px wide here: that is all the small pair can resolve.
@@ -85,19 +85,19 @@ def test_large_photos_ask_for_small_masks(sam: EfficientSam):
 def test_queries_never_have_more_than_six_points():
     rng = np.random.default_rng(0)
     points = rng.uniform(0, 100, (200, 2))
-    asked = list(queries(hints((100, 100), positive=points[:9], accepted=points, box=(1.0, 2.0, 90.0, 95.0)), 0))
+    asked = list(point_prompts(hints((100, 100), positive=points[:9], accepted=points, box=(1.0, 2.0, 90.0, 95.0)), 0))
     assert len(asked) == 4
     for chosen, labels in asked:
         assert len(chosen) == len(labels) <= 6
     assert asked[1][1].tolist() == [2, 3, 1, 1, 1, 1]
-    second = list(queries(hints((100, 100), accepted=points, box=(1.0, 2.0, 90.0, 95.0)), 1))
+    second = list(point_prompts(hints((100, 100), accepted=points, box=(1.0, 2.0, 90.0, 95.0)), 1))
     assert not any(np.array_equal(a[0], b[0]) for a in asked[1:] for b in second)
-    assert not list(queries(hints((100, 100)), 0))
+    assert not list(point_prompts(hints((100, 100)), 0))
 
 
 def test_spread_points_are_far_apart():
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0)), -1).reshape(-1, 2)
-    chosen = spread(grid, 5)
+    chosen = sample_spread_points(grid, 5)
     gaps = np.linalg.norm(chosen[:, None] - chosen[None], axis=-1) + 99 * np.eye(5)
     assert gaps.min() > 6
 
@@ -142,7 +142,7 @@ def test_whole_stage(scene: Scene, house: House, tmp_path: Path, monkeypatch: py
     masks = build_masks(scene, house.prompts, None, tmp_path / "masks", config, Reporter(messages.append))
     (said,) = (m for m in messages if m["type"] == "segmenter")
     assert said["segmenter"] == "efficientsam" and "random_walker" in said["text"]
-    assert used(tmp_path / "masks") == "EfficientSAM"
+    assert describe_used_segmenter(tmp_path / "masks") == "EfficientSAM"
     scores = [iou(building(m), house.masks[v.name]) for m, v in zip(masks.labels, scene.views, strict=True)]
     assert np.mean(scores) > 0.85
     assert len(list((tmp_path / "masks/embeddings").glob("*.npy"))) == len(scene.views)

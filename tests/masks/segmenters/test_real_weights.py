@@ -18,7 +18,7 @@ from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.segmenters.download import find_weights
-from mgf_engine.masks.segmenters.notice import used
+from mgf_engine.masks.segmenters.notice import describe_used_segmenter
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
 from tests.masks.conftest import quiet
@@ -48,7 +48,7 @@ def test_real_weights(scene: Scene, house: House, tmp_path: Path, capsys: pytest
         with capsys.disabled():
             print(f"\n{segmenter}: IoU {np.mean(scores):.3f} (least {min(scores):.3f}), {seconds:.2f} s per photo")
         assert np.mean(scores) > 0.85 and min(scores) > 0.6, segmenter
-    assert used(tmp_path / "efficientsam") == "EfficientSAM"
+    assert describe_used_segmenter(tmp_path / "efficientsam") == "EfficientSAM"
 
 
 def test_the_measurement_itself(
