@@ -121,7 +121,7 @@ class _FixedMasks:
     def embed(self, photo: np.ndarray) -> None:
         return None
 
-    def ask(self, embedding: None, size: tuple[int, int], points: np.ndarray, labels: np.ndarray):
+    def predict(self, embedding: None, size: tuple[int, int], points: np.ndarray, labels: np.ndarray):
         return self.logits, self.quality
 
 
