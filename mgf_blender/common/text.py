@@ -79,7 +79,7 @@ def _fits_here(share: float = 1.0, icon: bool = True) -> Callable[[str], bool]:
     import blf  # of the bpy package, which must come first
 
     scale, styles = context.preferences.system.ui_scale, context.preferences.ui_styles
-    room = context.region.width - scale * _MARGINS.get(context.region.type, _MARGINS["UI"])
-    room = share * (room + (0.0 if icon else scale * _ICON))
+    width = context.region.width - scale * _MARGINS.get(context.region.type, _MARGINS["UI"])
+    width = share * (width + (0.0 if icon else scale * _ICON))
     blf.size(0, (styles[0].widget.points if styles else 11.0) * scale)
-    return lambda text: blf.dimensions(0, text)[0] <= room
+    return lambda text: blf.dimensions(0, text)[0] <= width

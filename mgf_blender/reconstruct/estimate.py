@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a job will roughly take, said before it starts: time and memory, from the engine's own table of costs.
+"""Estimate time and memory of a job before it starts, from the engine's own table of costs.
 
 The table (``mgf_engine/costs.py`` says what it holds) comes with the options; ``mgf estimate`` tells the same of the
 same photos. What this machine makes of the times is learned: the engine says so at the end of a job that ran in one go.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panels for a finished job share: their place, when they show, the large button and the progress below it."""
+"""Base of the panels for a finished job: when they show, the button that starts a run, and its progress."""
 
 from typing import ClassVar
 

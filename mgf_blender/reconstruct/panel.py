@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The Reconstruct panel: options, the button, progress, and what the last job said."""
 
-import re
 from pathlib import Path
 
 import bpy
@@ -12,6 +11,7 @@ from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, look_up, tr
 from ..engine.status_label import draw_engine_missing
+from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_failure
 from .estimate import duration, estimate, photos_of
 from .operators import interrupted, last_job
 from .start import has_job_file
@@ -26,15 +26,11 @@ _DONE = {
     "places": N_("Control points read in {time}"),
     "suggest": N_("Points proposed in {time}"),
 }
-#: In sentences of the engine that send people to the picture of all masks.
-CONTACT_SHEET_WORDS = "contact sheet"
 #: Parts of the starting surface, before the training, by the engine's names.
 _START = {
     "views": N_("Reading masks"), "lines": N_("Finding edges"), "dense": N_("Matching photos"),
     "planes": N_("Finding planes"), "cut": N_("Making the surface"),
 }  # fmt: skip
-#: How jobs most often end early, as :func:`in_panel_words` has it: for the dictionaries.
-_ENDS = (N_("Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),)
 #: What is shown while a command runs that is no stage.
 _TOOLS = {
     "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
@@ -168,7 +164,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         figures = {name: value for name, value in job.figures.items() if name != "start"}  # which the bar says
         draw_figures(box, dict(list(figures.items())[:6]))
     for text in job.warnings[-3:]:
-        draw_sentence(box, look_up(in_panel_words(text)), "INFO")
+        draw_sentence(box, look_up(in_panel_terms(text)), "INFO")
 
 
 def _draw_buttons(layout: bpy.types.UILayout, job: Job) -> None:
@@ -181,7 +177,7 @@ def _draw_buttons(layout: bpy.types.UILayout, job: Job) -> None:
         _draw_file_button(row, job.folder, "log.txt", N_("Open Log"), "TEXT")
     if job.status == DONE and job.kind == "reconstruct":
         _draw_file_button(row, job.folder, "report.html", N_("Open Report"), "URL")
-    if job.status == DONE and job.kind in {"reconstruct", "masks"} and CONTACT_SHEET_WORDS in " ".join(job.warnings):
+    if job.status == DONE and job.kind in {"reconstruct", "masks"} and CONTACT_SHEET in " ".join(job.warnings):
         _draw_file_button(layout, job.folder, "masks/contact_sheet.jpg", N_("Open Contact Sheet"), "IMAGE_DATA")
 
 
@@ -211,42 +207,8 @@ def _headline(job: Job) -> str:
 def _outcome(job: Job) -> str:
     """Return how a job ended."""
     if job.text or job.status != DONE:
-        return _ended_early(in_panel_words(job.text)) if job.text else tr("Cancelled")
+        return translate_failure(in_panel_terms(job.text)) if job.text else tr("Cancelled")
     return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=duration(job.seconds))
-
-
-def _ended_early(text: str) -> str:
-    """Return in the user's language how a job ended early."""
-    full = re.fullmatch(r"The disk of '(.*)' is full; free some space and press Resume\.", text)
-    if full:
-        return tr("The disk of '{folder}' is full; free some space and press Resume.", folder=full[1])
-    return look_up(text)
-
-
-def in_panel_words(text: str) -> str:
-    """Return a sentence of the engine, which speaks of its command line, in terms of what the panel has for the
-    same."""
-    button = "Reconstruct Building" if "--resolution" in text else "Resume"  # which takes no new options
-    text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
-    text = re.sub(r"run 'mgf georef'(?: again)?", "press Georeference Job", text)
-    text = re.sub(
-        r"(?:install with: |get it by )pip install 'mgf-engine\[survey\]'(?:, in (?:the engine's|its) environment)?",
-        "tick Drawings and Map Coordinates in the preferences and press Install Engine, or in an environment of your "
-        "own: pip install 'mgf-engine[survey]'",
-        text,
-    )
-    text = re.sub(
-        r"install with: pip install 'mgf-engine\[models\]', in the engine's environment, or leave (?:them )?out"
-        r"(?: with)? --(only|draco)",
-        lambda found: (
-            "tick Models in the preferences and press Install Engine, or "
-            + ("leave them out" if found[1] == "only" else "switch Compress off")
-            + "; in an environment of your own: pip install 'mgf-engine[models]'"
-        ),
-        text,
-    )
-    text = re.sub(r"--prompts(?: FILE)?", "points", re.sub(r"--masks(?: FOLDER)?", "Own Masks", text))
-    return re.sub(r"--([a-z][a-z-]*)", lambda found: options.title(found[1].replace("-", "_")), text)
 
 
 class MGF_OT_show_preferences(bpy.types.Operator):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A finished job comes into the scene without holding the window: short steps read it and build the mesh.
+"""Import a finished job in short steps, which read it and build the mesh, so that the window stays responsive.
 
 Blender supports no threads of Python, so none reads. The last step calls ``mgf.import_result``, which links what is
 ready, so that the whole import is one undo step. Names and keys are held between the steps, never Blender data: after
@@ -24,10 +24,10 @@ from ..properties import key_of, scene_key, scene_of
 from .load import SHARP_ANGLE, Content, fitting_tree, reading_steps
 
 _TICK = 0.02  # seconds between two steps
-_KEY = "mgf_arriving"
-_PATIENCE = 3  # times that a mesh is begun anew because it was not there any more
+_KEY = "mgf_importing"  # on the mesh while it is built
+_RETRIES = 3  # times that a mesh is begun anew because it was not there any more
 
-_arrivals: dict[str, AsyncImport] = {}  # scene key -> the import under way
+_imports: dict[str, AsyncImport] = {}  # scene key -> the import under way
 _problems: dict[str, str] = {}  # scene key -> why the last one failed
 _longest = 0.0
 
@@ -52,7 +52,7 @@ class AsyncImport:
         self._lost = 0
 
     def drain(self) -> bool:
-        """Go one step on; returns whether there is more to do before the import."""
+        """Take one step; returns whether there is more to do before the mesh can be linked."""
         if self.content is None and self.error is None:
             return self._read()
         if self.content is None or self.content.mesh is None:
@@ -68,18 +68,18 @@ class AsyncImport:
         except StopIteration:
             return False
         except KeyError:  # somebody removed it
-            if self._lost == _PATIENCE:
+            if self._lost == _RETRIES:
                 raise
             self._lost += 1
             self.restart()
         return True
 
     def restart(self) -> None:
-        """Begin the mesh anew: an undo or another file took it away, or put it back to how it was steps ago."""
+        """Build the mesh anew: an undo or another file removed it, or put it back to how it was some steps ago."""
         self.mesh_name, self._steps = "", None
 
     def take_mesh(self) -> bpy.types.Mesh | None:
-        """Return the finished mesh, which is the caller's from now on."""
+        """Return the finished mesh and hand it over to the caller."""
         mesh = bpy.data.meshes.get(self.mesh_name) if self.mesh_name else None
         self.mesh_name = ""
         if mesh is None or _KEY not in mesh:
@@ -94,7 +94,7 @@ class AsyncImport:
             bpy.data.meshes.remove(mesh)
 
     def _read(self) -> bool:
-        """Read a little more; always true, since what was read is still to be made into a mesh."""
+        """Read the next file; always true, since the mesh is still to be built."""
         try:
             next(self._reading)
         except StopIteration as end:
@@ -107,21 +107,21 @@ class AsyncImport:
 def begin(scene: bpy.types.Scene, folder: Path) -> None:
     """Start to bring a job's results into a scene, in place of another job's; does nothing when that is under way."""
     key = scene_key(scene)
-    if key in _arrivals and _arrivals[key].folder == folder:
+    if key in _imports and _imports[key].folder == folder:
         return
     forget(scene)
     _problems.pop(key, None)
     tree = None
     with contextlib.suppress(UserError):  # the first step says it again, where it is shown
         tree = fitting_tree(scene, folder)
-    _arrivals[key] = AsyncImport(key, folder, tree.offset if tree is not None else None)
+    _imports[key] = AsyncImport(key, folder, tree.offset if tree is not None else None)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)
 
 
 def under_way(scene: bpy.types.Scene) -> bool:
-    """Tell whether results are on their way into a scene."""
-    return key_of(scene) in _arrivals
+    """Tell whether results are being imported into a scene."""
+    return key_of(scene) in _imports
 
 
 def problem(scene: bpy.types.Scene) -> str:
@@ -130,48 +130,47 @@ def problem(scene: bpy.types.Scene) -> str:
 
 
 def ready(scene: bpy.types.Scene, folder: Path) -> AsyncImport | None:
-    """Return the arrival of a folder that is waiting to be imported into a scene: read, and its mesh made to the
-    end."""
-    found = _arrivals.get(key_of(scene))
+    """Return the import of a folder into a scene that has only to be finished: all read, and its mesh built."""
+    found = _imports.get(key_of(scene))
     return found if found is not None and found.folder == folder and found.ready else None
 
 
 def forget(scene: bpy.types.Scene) -> None:
-    """Drop what is on its way into a scene, because it was imported by other means."""
-    found = _arrivals.pop(key_of(scene), None)
+    """Drop the import into a scene that is under way, because it was imported by other means."""
+    found = _imports.pop(key_of(scene), None)
     if found is not None:
         found.drop()
 
 
 def pump() -> bool:
-    """Return one step of every import; returns whether there is more to do. Tests call it in place of the timer."""
+    """Take one step of every import; returns whether there is more to do. Tests call it in place of the timer."""
     global _longest
     begun = time.perf_counter()
-    for key, arrival in list(_arrivals.items()):
+    for key, pending in list(_imports.items()):
         try:
-            arrival.ready = not arrival.drain()
-            if not arrival.ready:
+            pending.ready = not pending.drain()
+            if not pending.ready:
                 continue
-            _import(key, arrival)
+            _import(key, pending)
         except Exception as error:  # Blender drops a timer whose function raises
             _problems[key] = sentence(error)
-        _arrivals.pop(key, None)
-        arrival.drop()
+        _imports.pop(key, None)
+        pending.drop()
     _longest = max(_longest, time.perf_counter() - begun)
-    return bool(_arrivals)
+    return bool(_imports)
 
 
 def longest_step() -> float:
-    """Return the longest time in seconds one step held Blender's main thread."""
+    """Return the longest time in seconds that a step has blocked Blender's main thread; tests measure it."""
     return _longest
 
 
-def _import(key: str, arrival: AsyncImport) -> None:
+def _import(key: str, pending: AsyncImport) -> None:
     from ..reconstruct.start import run_in
 
     scene = scene_of(key)
     if scene is not None:
-        text = run_in(scene, "import_result", directory=str(arrival.folder))
+        text = run_in(scene, "import_result", directory=str(pending.folder))
         if text:
             _problems[key] = text
 
@@ -179,8 +178,8 @@ def _import(key: str, arrival: AsyncImport) -> None:
 @bpy.app.handlers.persistent
 def start_over(*_: object) -> None:
     """Let no half-made mesh outlive an undo or another file (handler); what was read does."""
-    for arrival in _arrivals.values():
-        arrival.restart()
+    for pending in _imports.values():
+        pending.restart()
     bpy.data.batch_remove([m for m in bpy.data.meshes if _KEY in m and m.users == 0])
 
 
@@ -206,23 +205,23 @@ def unregister() -> None:
             handlers.remove(start_over)
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
-    for arrival in _arrivals.values():
+    for pending in _imports.values():
         with contextlib.suppress(ReferenceError, AttributeError):
-            arrival.drop()
-    _arrivals.clear()
+            pending.drop()
+    _imports.clear()
     _problems.clear()
 
 
-def content_of(arrival: AsyncImport) -> Content | None:
+def content_of(pending: AsyncImport) -> Content | None:
     """Return what was read.
 
     Raises:
         UserError: it could not be read.
     """
-    if isinstance(arrival.error, UserError):
-        raise arrival.error
-    if arrival.error is not None:
+    if isinstance(pending.error, UserError):
+        raise pending.error
+    if pending.error is not None:
         raise UserError(
-            "The results cannot be read ({error!r}); run the job again.", error=arrival.error
-        ) from arrival.error
-    return arrival.content
+            "The results cannot be read ({error!r}); run the job again.", error=pending.error
+        ) from pending.error
+    return pending.content

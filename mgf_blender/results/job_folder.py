@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a finished job folder offers: ``deliver.json`` read and checked, before anything in Blender changes."""
+"""Read ``deliver.json`` of a finished job folder, and check it before anything in Blender changes."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class MGF_OT_import_result(FileOperator):
         there = async_import.ready(scene, folder)
         if there is None and self.options.is_invoke and not bpy.app.background:
             async_import.begin(scene, folder)
-            return {"CANCELLED"}  # nothing has changed yet; the arrival ends here again, which is the undo step
+            return {"CANCELLED"}  # nothing has changed yet; the last step calls this again, as one undo step
         content = async_import.content_of(there) if there is not None else None
         mesh = there.take_mesh() if there is not None else None
         if there is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A picture of the building in sun and sky, seen from three quarters where the photographers stood."""
+"""Render a picture of the mesh in sun and sky, in three-quarter view from the side of the cameras."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from ..common.textures import add_texture_node
 from ..compat import EEVEE
 from ..scene_import.tree import Tree
 from .surface import paints_texture, shown, texture
-
-Size = tuple[int, int]  # width, height in pixels
 
 _RIG = "MGF Picture"
 _LENS = 45.0  # mm on a 36 mm sensor
@@ -56,10 +54,11 @@ def render_picture(
     stage = bpy.data.scenes.new(_RIG)
     made: list[bpy.types.ID] = []
     try:
-        made += _actors(stage, meshes)
+        made += _add_copies(stage, meshes)
         stage.view_layers[0].update()
         corners = _world_vertices(meshes)
-        made += [*_camera(stage, tree, corners, turn, size), *_light(stage, corners), *_ground(stage, corners)]
+        made += _add_camera(stage, tree, corners, turn, size)
+        made += [*_add_light(stage, corners), *_add_ground(stage, corners)]
         _settings(stage, path, size, samples, engine)
         stage.display.shading.color_type = "TEXTURE" if paints_texture(tree) else "VERTEX"
         bpy.ops.render.render(write_still=True, scene=stage.name)
@@ -68,24 +67,24 @@ def render_picture(
         bpy.data.batch_remove(made)
 
 
-def _actors(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.types.ID]:
-    """Return the meshes on the stage, each in one material that keeps the light its photos were taken in."""
+def _add_copies(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[bpy.types.ID]:
+    """Add copies of the meshes to the stage, in materials that keep the light of the photos; returns their data."""
     made: list[bpy.types.ID] = []
     for obj in meshes:
-        material = _material(texture(obj.data) if shown(obj.data) == "TEXTURE" else None)
-        actor = obj.copy()
-        actor.parent = None
-        actor.matrix_world = obj.matrix_world
-        actor.hide_render = False
-        for slot in actor.material_slots:
+        material = _matte_material(texture(obj.data) if shown(obj.data) == "TEXTURE" else None)
+        copy = obj.copy()
+        copy.parent = None
+        copy.matrix_world = obj.matrix_world
+        copy.hide_render = False
+        for slot in copy.material_slots:
             slot.link, slot.material = "OBJECT", material
-        stage.collection.objects.link(actor)
-        made += [material, actor]
+        stage.collection.objects.link(copy)
+        made += [material, copy]
     return made
 
 
-def _material(picture: bpy.types.Image | None) -> bpy.types.Material:
-    """Return a matte surface with some light of its own, in the colours of a texture or else of the vertices."""
+def _matte_material(picture: bpy.types.Image | None) -> bpy.types.Material:
+    """Make a matte material with some emission, in the colours of a texture or else of the vertices."""
     material, shader = new_material(_RIG, 0.9)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     if picture is not None:
@@ -101,7 +100,7 @@ def _material(picture: bpy.types.Image | None) -> bpy.types.Material:
 
 
 def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
-    """Return a sample of the vertices in world coordinates [N, 3]; 1st to 99th percentile boxes ignore floaters."""
+    """Return a sample of the vertices in world coordinates, [N, 3]."""
     clouds = []
     for obj in meshes:
         flat = np.empty(3 * len(obj.data.vertices), np.float32)
@@ -112,17 +111,17 @@ def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
     return np.concatenate(clouds)
 
 
-def _camera(
+def _add_camera(
     stage: bpy.types.Scene, tree: Tree, xyz: np.ndarray, turn: float, size: tuple[int, int]
 ) -> bpy.types.Object:
-    """Return a camera that frames the building from the cameras' side, a little above them."""
+    """Add a camera that frames the building from the side of the cameras, a little above them; returns its data."""
     low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
     middle = (low + high) / 2
     stands = np.array([np.array(o.matrix_world)[:3, 3] for o in tree.objects("Cameras")]).reshape(-1, 3)
     view = stands.mean(axis=0) - middle if len(stands) else np.array([0.0, -1.0, 0.0])
     around = stands - middle
     if len(stands) and np.linalg.norm(view[:2]) < 0.3 * np.linalg.norm(around[:, :2], axis=1).mean():
-        view = around[0]  # photos all around: any of them is as good a side
+        view = around[0]  # photos all around: any side is as good
     angle = math.atan2(view[1], view[0]) + math.radians(turn)
     up = math.radians(_ELEVATION)
     direction = np.array([math.cos(angle) * math.cos(up), math.sin(angle) * math.cos(up), math.sin(up)])
@@ -132,7 +131,7 @@ def _camera(
     stage.collection.objects.link(obj)
     stage.camera = obj
     rotation = Vector(direction.tolist()).to_track_quat("Z", "Y").to_matrix()
-    distance, shift = _frame(xyz, middle, np.array(rotation), size)
+    distance, shift = _fit(xyz, middle, np.array(rotation), size)
     eye = middle + np.array(rotation) @ np.array([*shift, distance])
     obj.matrix_world = Matrix.Translation(eye.tolist()) @ rotation.to_4x4()
     reach = float(np.linalg.norm(high - low))
@@ -140,10 +139,8 @@ def _camera(
     return [obj, data]
 
 
-def _frame(
-    xyz: np.ndarray, middle: np.ndarray, rotation: np.ndarray, size: tuple[int, int]
-) -> tuple[float, np.ndarray]:
-    """Return distance and sideways shift [2] at which all but a few points fit, with a margin."""
+def _fit(xyz: np.ndarray, middle: np.ndarray, rotation: np.ndarray, size: tuple[int, int]) -> tuple[float, np.ndarray]:
+    """Return distance and sideways shift [2] of a camera that sees the 0.5th to 99.5th percentiles, with a margin."""
     local = (xyz - middle) @ rotation  # camera axes: x right, y up, z towards the camera
     low, high = np.percentile(local, [0.5, 99.5], axis=0)
     tangent = 36.0 / (2 * _LENS)
@@ -153,8 +150,8 @@ def _frame(
     return float(distance), (low + high)[:2] / 2
 
 
-def _light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
-    """Return a pale sky and a warm sun from behind the camera's left shoulder."""
+def _add_light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
+    """Add a pale sky and a warm sun from behind the camera's left shoulder; returns their data."""
     world = bpy.data.worlds.new(_RIG)
     stage.world = world
     if not world.node_tree:
@@ -174,15 +171,15 @@ def _light(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
     return [world, obj, sun]
 
 
-def _ground(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
-    """Return a wide pale disc under the building, so that it stands on something and casts a shadow."""
+def _add_ground(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
+    """Add a wide pale disc under the building, on which it casts a shadow; returns its data."""
     low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
     reach = float(np.linalg.norm(high - low)) * 20
     angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)
     middle = (low + high) / 2
-    ring = [(middle[0] + reach * math.cos(a), middle[1] + reach * math.sin(a), low[2]) for a in angles]
+    rim = [(middle[0] + reach * math.cos(a), middle[1] + reach * math.sin(a), low[2]) for a in angles]
     mesh = bpy.data.meshes.new(_RIG)
-    mesh.from_pydata(ring, [], [tuple(range(64))])
+    mesh.from_pydata(rim, [], [tuple(range(64))])
     material = bpy.data.materials.new(_RIG)
     if not material.node_tree:
         material.use_nodes = True

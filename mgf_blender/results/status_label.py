@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panels say while results are on their way into the scene, and when they did not arrive."""
+"""Draw the state of an import of results: under way, or why it failed."""
 
 import bpy
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the surface is painted with: texture, colours of the photos, or how far each spot can be trusted."""
+"""Choose the colours of a mesh: texture, vertex colours, confidence, or number of photos."""
 
 from __future__ import annotations
 

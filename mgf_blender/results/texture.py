@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The texture of a mesh: its picture and coordinates, checked before anything in Blender changes."""
+"""Read the texture of a mesh, picture and coordinates, and check it before anything in Blender changes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a camera shows: its photo, the render, the error between them, or the mesh before the photo."""
+"""Choose what a camera shows: its photo, the render, the error between them, or the mesh in front of the photo."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A town out of ``mgf town``: a collection for each building, light at first, and the terrain between them."""
+"""Import of what ``mgf town`` made: a collection per building, with few faces at first, and the terrain."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The folder of a town as the engine leaves it."""
+"""Read the folder that ``mgf town`` made: its buildings and where they lie."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def read_town(folder: Path) -> Town:
         ) from error
     placement = read_placement(folder)
     if placement is None:
-        raise UserError("'{folder}' says not where its buildings lie; run mgf town again.", folder=folder)
+        raise UserError("'{folder}' does not say where its buildings lie; run mgf town again.", folder=folder)
     found = []
     for name in names:
         place = folder / BUILDINGS / name

@@ -292,7 +292,7 @@ def main(seed: int, count: int, folder: Path) -> None:
     while (runner.pump() or async_import.pump()) and time.monotonic() < end:
         time.sleep(0.01)
     check()
-    assert not any(job.live for job in runner.jobs()) and not async_import._arrivals
+    assert not any(job.live for job in runner.jobs()) and not async_import._imports
 
 
 if __name__ == "__main__":

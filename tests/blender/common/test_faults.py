@@ -93,7 +93,7 @@ def test_an_arrival_that_raises_is_dropped_and_said(ready, house, monkeypatch, p
         while async_import._tick() is not None and time.monotonic() < end:
             time.sleep(0.002)
     assert not async_import.under_way(scene) and WORDS in async_import.problem(scene)
-    assert not [m for m in bpy.data.meshes if "mgf_arriving" in m]
+    assert not [m for m in bpy.data.meshes if "mgf_importing" in m]
     async_import.begin(scene, house.job)  # and can be tried again
     while async_import.pump():
         time.sleep(0.002)

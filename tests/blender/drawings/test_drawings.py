@@ -18,7 +18,8 @@ from mgf_blender.drawings.index import read_index
 from mgf_blender.drawings.operators import drawings_job, load_drawing
 from mgf_blender.drawings.panel import MGF_PT_drawings
 from mgf_blender.drawings.sections import find_sections
-from mgf_blender.reconstruct.panel import MGF_PT_reconstruct, in_panel_words
+from mgf_blender.reconstruct.engine_messages import in_panel_terms
+from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.scene_import.tree import Tree
 
 
@@ -179,7 +180,7 @@ def test_a_damaged_index_shows_nothing(finished, house, text):
 
 def test_missing_packages_are_said_with_the_tick_that_brings_them():
     text = "Drawings need ezdxf; install with: pip install 'mgf-engine[survey]', in the engine's environment."
-    assert "tick Drawings and Map Coordinates in the preferences and press Install Engine" in in_panel_words(text)
+    assert "tick Drawings and Map Coordinates in the preferences and press Install Engine" in in_panel_terms(text)
 
 
 def test_done_runs_are_told_apart(finished, house):

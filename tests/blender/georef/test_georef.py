@@ -17,7 +17,8 @@ from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
 from mgf_blender.georef.properties import mark_of, set_mark
 from mgf_blender.georef.tool import dragged
 from mgf_blender.prompts.tool import MGF_PointTool
-from mgf_blender.reconstruct.panel import MGF_PT_reconstruct, in_panel_words
+from mgf_blender.reconstruct.engine_messages import in_panel_terms
+from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.tree import Tree
 
@@ -263,7 +264,7 @@ def test_damaged_files_of_the_engine_show_nothing(finished, house, text):
 
 
 def test_sentences_of_the_engine_speak_of_the_panel():
-    assert in_panel_words("Drawn as one metre; run 'mgf georef' first for true lengths.") == (
+    assert in_panel_terms("Drawn as one metre; run 'mgf georef' first for true lengths.") == (
         "Drawn as one metre; press Georeference Job first for true lengths."
     )
 

@@ -25,7 +25,7 @@ def ready(addon, house):
     return addon
 
 
-def pump(until=lambda: not async_import._arrivals, seconds: float = 20.0) -> None:
+def pump(until=lambda: not async_import._imports, seconds: float = 20.0) -> None:
     end = time.monotonic() + seconds
     while not until() and time.monotonic() < end:
         async_import.pump()
@@ -38,7 +38,7 @@ def meshes() -> list[bpy.types.Object]:
 
 
 def pending() -> list[str]:
-    return [m.name for m in bpy.data.meshes if "mgf_arriving" in m]
+    return [m.name for m in bpy.data.meshes if "mgf_importing" in m]
 
 
 def test_arrives_like_an_import_in_one_go(ready, house):
@@ -122,7 +122,7 @@ def test_an_undo_to_a_half_made_mesh_begins_it_anew(ready, house):
 def test_a_mesh_that_is_removed_each_time_is_a_sentence(ready, house):
     async_import.begin(bpy.context.scene, house.job)
     end = time.monotonic() + 20
-    while async_import._arrivals and time.monotonic() < end:
+    while async_import._imports and time.monotonic() < end:
         async_import.pump()
         for name in pending():
             bpy.data.meshes.remove(bpy.data.meshes[name])
@@ -155,7 +155,7 @@ def test_add_on_disabled_while_it_arrives(ready, house):
     async_import.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
     async_import.unregister()
-    assert not pending() and not async_import._arrivals
+    assert not pending() and not async_import._imports
 
 
 def test_a_mesh_is_valid_and_has_its_edges(scene):

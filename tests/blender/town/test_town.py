@@ -118,6 +118,6 @@ def test_what_is_no_town_is_refused(addon, town, tmp_path):
     with pytest.raises(RuntimeError, match=r"No building of .* is done"):
         bpy.ops.mgf.import_town(directory=str(town))
     (town / "georef.json").unlink()
-    with pytest.raises(RuntimeError, match="says not where its buildings lie"):
+    with pytest.raises(RuntimeError, match="does not say where its buildings lie"):
         bpy.ops.mgf.import_town(directory=str(town))
     assert find_town(bpy.context.scene) is None
