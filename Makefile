@@ -5,6 +5,9 @@ BPY := .venv-bpy
 DOCS := .venv-docs
 RUN := $(VENV)/bin/python
 DEMO ?= demo
+# One process a core, each with one thread for torch. Neighbouring tests share results that are dear to make, so each
+# process begins with a whole stretch of them and takes from the others' when it is done.
+PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
 
 .PHONY: env env-blender kernels readers test lint demo docs extension test-window clean
 
@@ -35,9 +38,10 @@ lint: $(VENV)/.ready
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
 
+test: export OMP_NUM_THREADS := 1
 test: $(VENV)/.ready $(BPY)/.ready kernels lint
-	$(RUN) -m pytest tests
-	$(BPY)/bin/python -m pytest tests/blender
+	$(RUN) -m pytest $(PARALLEL) tests
+	$(BPY)/bin/python -m pytest $(PARALLEL) tests/blender
 
 demo: $(VENV)/.ready $(BPY)/.ready kernels
 	$(RUN) tools/demo.py --blender-python $(BPY)/bin/python --out $(DEMO) $(if $(SCENE),--scene "$(SCENE)") $(if $(PROMPTS),--prompts "$(PROMPTS)") $(ARGS)

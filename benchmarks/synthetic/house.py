@@ -7,6 +7,7 @@ in seconds without Blender.
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -50,16 +51,11 @@ class House:
 def build_house(folder: Path, photos: int = 14, painted: Paint | None = None) -> House:
     """Write the scene into ``folder`` (made if missing) and return it; ``painted`` takes the place of :func:`paint`."""
     (folder / "images").mkdir(parents=True, exist_ok=True)
-    house, lawn = house_mesh(), lawn_mesh()
-    both = Mesh(
-        np.r_[house.vertices, lawn.vertices], np.r_[house.faces, lawn.faces + len(house.vertices)].astype(np.int32),
-        np.zeros((len(house.vertices) + len(lawn.vertices), 3), np.uint8),
-    )  # fmt: skip
+    house, both = house_mesh(), house_on_lawn()
     views = [ring_view(k, photos) for k in range(photos)]
     masks = {}
-    for view in views:
-        picture, on_house = photograph(both, len(house.faces), view, painted)
-        masks[view.name] = on_house
+    for view, (picture, on_house) in zip(views, _photographs(photos, painted), strict=True):
+        masks[view.name] = on_house.copy()
         cv2.imwrite(str(folder / "images" / view.name), picture[:, :, ::-1])
     write_model(folder / "sparse" / "0", views, both, house)
     write_prompts(folder / "prompts.json", views, masks)
@@ -88,6 +84,22 @@ def lawn_mesh(half: int = 12) -> Mesh:
     corner = (np.arange(2 * half)[:, None] * side + np.arange(2 * half)).ravel()
     f = np.r_[np.c_[corner, corner + 1, corner + side + 1], np.c_[corner, corner + side + 1, corner + side]]
     return Mesh(v, f.astype(np.int32), np.zeros((len(v), 3), np.uint8))
+
+
+def house_on_lawn() -> Mesh:
+    """Return both as one mesh, the house's faces first."""
+    house, lawn = house_mesh(), lawn_mesh()
+    return Mesh(
+        np.r_[house.vertices, lawn.vertices], np.r_[house.faces, lawn.faces + len(house.vertices)].astype(np.int32),
+        np.zeros((len(house.vertices) + len(lawn.vertices), 3), np.uint8),
+    )  # fmt: skip
+
+
+@functools.cache
+def _photographs(photos: int, painted: Paint | None) -> list[tuple[NDArray[np.uint8], NDArray[np.bool_]]]:
+    """Photo and true mask from each place of the ring: many tests want the same house."""
+    both, faces = house_on_lawn(), len(house_mesh().faces)
+    return [photograph(both, faces, ring_view(k, photos), painted) for k in range(photos)]
 
 
 def ring_view(index: int, count: int) -> View:
@@ -140,11 +152,11 @@ def solid_noise(points: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
     cell = np.floor(points).astype(int)
     t = points - cell
     t = t * t * (3 - 2 * t)
+    weights, places = np.moveaxis(np.stack([1 - t, t]), -1, 0), np.moveaxis(np.stack([cell, cell + 1]) & 31, -1, 0)
     result = np.zeros(points.shape[:-1])
-    for corner in np.ndindex(2, 2, 2):
-        weight = np.prod(np.where(corner, t, 1 - t), axis=-1)
-        index = (cell + corner) % 32
-        result += weight * lattice[index[..., 0], index[..., 1], index[..., 2]]
+    for i, j, k in np.ndindex(2, 2, 2):
+        value = lattice[places[0, i], places[1, j], places[2, k]]
+        result += weights[0, i] * weights[1, j] * weights[2, k] * value
     return result
 
 
