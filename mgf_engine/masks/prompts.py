@@ -158,7 +158,7 @@ def _size_of(photo: Path, placed: bool) -> tuple[int, int] | None:
 def clicked_names(given: Path | PromptsFile | None) -> list[str]:
     """Return the names of the photos with clicks, as in the prompts file; empty if it cannot be read.
 
-    What is wrong with a file is said by :func:`read_prompts`, when its clicks are needed.
+    Mistakes in a file are reported by :func:`read_prompts`, when its clicks are needed.
     """
     if given is None:
         return []

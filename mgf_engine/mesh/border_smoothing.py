@@ -56,7 +56,7 @@ def trim_border(
     views: NDArray[np.integer],
     pixel: NDArray[np.floating],
     hole: NDArray[np.floating],
-    o: MeshBorderOptions = MeshBorderOptions(),
+    options: MeshBorderOptions = MeshBorderOptions(),
 ) -> Mesh:
     """Remove unconfirmed faces along the border of a mesh, and small pieces that this disconnects.
 
@@ -65,24 +65,26 @@ def trim_border(
         views: number of photos that show each vertex, [N].
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
         hole: loops of open edges shorter than this are holes that will be closed, and no border, [N].
-        o: how many photos must show a face, how smooth the border is, and which pieces are small.
+        options: how many photos must show a face, how smooth the border is, and which pieces are small.
     """
-    kept = find_supported_faces(mesh, views, hole, o)
+    kept = find_supported_faces(mesh, views, hole, options)
     if kept.all() or not kept.any():
         return mesh
     before = parts(mesh)
-    cut = remove_faces(replace(mesh, values={**mesh.values, _PART: _of_vertices(mesh, before)}), kept, pixel, o)
+    cut = remove_faces(
+        replace(mesh, values={**mesh.values, _PART: _part_of_vertices(mesh, before)}), kept, pixel, options
+    )
     areas = face_areas(cut)
     label = parts(cut)
     area = np.bincount(label, areas)
     # Parts that were separate before, such as chimneys, have passed the component filter: keep them, however small.
     whole = np.bincount(before, face_areas(mesh))[cut.values[_PART][cut.faces[:, 0]]]
-    stays = (area[label] >= o.fallen * area.max(initial=0.0)) | (area[label] > 0.5 * whole)
+    stays = (area[label] >= options.fallen * area.max(initial=0.0)) | (area[label] > 0.5 * whole)
     values = {name: value for name, value in cut.values.items() if name != _PART}
     return split_nonmanifold(with_faces(replace(cut, values=values), cut.faces[stays]))
 
 
-def _of_vertices(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.int32]:
+def _part_of_vertices(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return the connected component of each vertex, int32 [N], from that of each face [F]."""
     result = np.zeros(len(mesh.vertices), np.int32)
     result[mesh.faces] = part[:, None]
@@ -93,7 +95,7 @@ def find_supported_faces(
     mesh: Mesh,
     views: NDArray[np.integer],
     hole: NDArray[np.floating],
-    o: MeshBorderOptions = MeshBorderOptions(),
+    options: MeshBorderOptions = MeshBorderOptions(),
 ) -> NDArray[np.bool_]:
     """Find the faces that are confirmed or enclosed by confirmed ones, bool [F].
 
@@ -104,10 +106,10 @@ def find_supported_faces(
         mesh: in any frame.
         views: number of photos that show each vertex, [N].
         hole: loops of open edges shorter than this are holes that will be closed, and no border, [N].
-        o: how many photos must show a vertex.
+        options: how many photos must show a vertex.
     """
     kept = np.ones(len(mesh.faces), bool)
-    rows = np.flatnonzero((views[mesh.faces] >= o.photos).sum(1) < 2)
+    rows = np.flatnonzero((views[mesh.faces] >= options.photos).sum(1) < 2)
     if not len(rows):
         return kept
     border = np.zeros(len(mesh.vertices), bool)
@@ -123,7 +125,7 @@ def find_supported_faces(
 
 
 def remove_faces(
-    mesh: Mesh, kept: NDArray[np.bool_], pixel: NDArray[np.floating], o: MeshBorderOptions = MeshBorderOptions()
+    mesh: Mesh, kept: NDArray[np.bool_], pixel: NDArray[np.floating], options: MeshBorderOptions = MeshBorderOptions()
 ) -> Mesh:
     """Remove faces; the border towards those that are kept is smooth.
 
@@ -131,18 +133,18 @@ def remove_faces(
         mesh: a manifold, in any frame.
         kept: faces that are kept, bool [F].
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
-        o: smoothness of the border.
+        options: smoothness of the border.
     """
-    if o.spread <= 0 or kept.all() or not kept.any():
+    if options.spread <= 0 or kept.all() or not kept.any():
         return with_faces(mesh, mesh.faces[kept])
     areas = face_areas(mesh)
     whole = np.maximum(np.bincount(mesh.faces.ravel(), np.repeat(areas, 3), len(mesh.vertices)), 1e-300)
     stays = np.bincount(mesh.faces.ravel(), np.repeat(areas * kept, 3), len(mesh.vertices)) / whole
-    level = _diffused(mesh, stays, np.asarray(pixel, np.float64), o) - 0.5
-    return weld(clip_level(*_snapped(mesh, level, o.snap)))
+    level = _diffuse(mesh, stays, np.asarray(pixel, np.float64), options) - 0.5
+    return weld(clip_level(*_snap_to_cut(mesh, level, options.snap)))
 
 
-def _diffused(mesh: Mesh, value: NDArray[np.float64], pixel: NDArray[np.float64], o: MeshBorderOptions
+def _diffuse(mesh: Mesh, value: NDArray[np.float64], pixel: NDArray[np.float64], o: MeshBorderOptions
               ) -> NDArray[np.float64]:  # fmt: skip
     """Diffuse values [N] on the mesh by ``o.spread`` (standard deviation); values far from any change stay."""
     mixed = (value > 0) & (value < 1)
@@ -183,9 +185,12 @@ def _laplacian(
     return sparse.diags(np.asarray(weight.sum(1)).ravel()) - weight, np.maximum(area, 1e-9 * doubled.max(initial=1.0))
 
 
-def _snapped(mesh: Mesh, level: NDArray[np.float64], snap: float) -> tuple[Mesh, NDArray[np.float64]]:
-    """Return the mesh and level [N] with vertices close to the cut moved onto it, along the edge that is shortest to
-    go: no slivers."""
+def _snap_to_cut(mesh: Mesh, level: NDArray[np.float64], snap: float) -> tuple[Mesh, NDArray[np.float64]]:
+    """Move vertices close to the cut onto it, along the edge that is shortest to go: this leaves no slivers.
+
+    Returns:
+        The mesh, and its level [N].
+    """
     a, b = directed_edges(mesh.faces)
     crossed = level[a] * level[b] < 0
     a, b = a[crossed], b[crossed]

@@ -53,14 +53,14 @@ def smooth_depth(start: Array, matched: Matched, options: SmoothingOptions = Smo
         Depths, float32 [H, W]; unchanged without a surface, and if no pixel has a match.
     """
     shown = (start > 0) & (matched.parallax > 0)
-    told = matched.precision[shown & (matched.precision > 0)]
-    if not len(told):
+    known = matched.precision[shown & (matched.precision > 0)]
+    if not len(known):
         return matched.depth
     box = _box(shown)
     inside, scale = shown[box], float(np.median(matched.parallax[shown] / start[shown]))
     target = _inverse(np.where(inside, scale * matched.depth[box], 0))
     first = _inverse(np.where(inside, scale * start[box], 0))
-    least = options.unmatched * float(np.median(told))
+    least = options.unmatched * float(np.median(known))
     weight = np.where(inside, np.maximum(matched.precision[box], least), 0)
     joined = _joined(inside, first, options.jump, 0), _joined(inside, first, options.jump, 1)
     found = smooth_map(weight, target, joined, options.strength, options.crease, options.rounds, options.steps)

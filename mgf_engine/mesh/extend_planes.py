@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.photo_consistency import PatchPhotos
-from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, without_folds
+from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, Planes
 from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
 from mgf_engine.mesh.relief import Relief
@@ -47,7 +47,7 @@ def extend_planes(
     pixel: Array,
     planes: Planes,
     photos: PatchPhotos,
-    o: PlaneExtensionOptions = PlaneExtensionOptions(),
+    options: PlaneExtensionOptions = PlaneExtensionOptions(),
     relief: Relief | None = None,
 ) -> Mesh:
     """Project the vertices labelled with a plane onto it, or onto the crease of two planes.
@@ -58,17 +58,17 @@ def extend_planes(
         pixel: size of a ground pixel at each vertex, [N].
         planes: found on ``mesh``.
         photos: what sees its vertices.
-        o: costs, distances and rounds.
+        options: costs, distances and rounds.
         relief: keeps what stands out of a plane together; None keeps nothing.
 
     Returns:
         The mesh with values ``ON_PLANE``; ``flat`` as it is where no vertex belongs to a plane.
     """
-    label = label_vertices(mesh, pixel, planes, photos, o.labels)
+    label = label_vertices(mesh, pixel, planes, photos, options.labels)
     some = np.flatnonzero(label >= 0)
     if not len(some):
         return flat
-    constraint = _constraints(mesh, pixel, planes, label, o)
+    constraint = _constraints(mesh, pixel, planes, label, options)
     single = constraint.single(len(label))
     if relief is not None:
         constraint.raise_planes(np.flatnonzero(single), relief.heights(
@@ -76,10 +76,10 @@ def extend_planes(
     at = flat.vertices.copy()
     at[some] = mesh.vertices[some]
     at, fixed = constraint.project(at), (label < 0) | _on_border(mesh)
-    for _ in range(o.rounds):
+    for _ in range(options.rounds):
         at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
-    at += slope_steps(mesh, pixel, planes, label, single, o.borders)
-    at, kept = without_folds(mesh, flat.vertices, at)
+    at += slope_steps(mesh, pixel, planes, label, single, options.borders)
+    at, kept = undo_folds(mesh, flat.vertices, at)
     return replace(flat, vertices=at, values={**flat.values, ON_PLANE: ((label >= 0) & kept).astype(np.uint8)})
 
 

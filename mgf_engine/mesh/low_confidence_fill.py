@@ -49,18 +49,18 @@ def fill_low_confidence(
     if not loose.any():
         return mesh
     neighbours = _neighbours(mesh)
-    moved, label = _of_patches(mesh, neighbours, np.flatnonzero(loose), options)
+    moved, label = _find_patches(mesh, neighbours, np.flatnonzero(loose), options)
     membrane = _membrane(mesh, neighbours, moved)
     wrong = _dents_and_bags(mesh, membrane, moved, label, options)
     moved, label = moved[wrong], label[wrong]
     while len(moved):
         vertices = mesh.vertices.astype(np.float64)
         vertices[moved] = membrane[moved]
-        first = _first_there(vertices, moved)
-        faces, crowded = _merged(mesh.faces, first)
-        if not crowded.any():
+        first = _representatives(vertices, moved)
+        faces, nonmanifold = _merge_vertices(mesh.faces, first)
+        if not nonmanifold.any():
             return with_faces(replace(mesh, vertices=vertices.astype(mesh.vertices.dtype)), faces)
-        bad = np.isin(first[moved], np.unique(first[crowded]))
+        bad = np.isin(first[moved], np.unique(first[nonmanifold]))
         bad = np.isin(label, label[bad]) if bad.any() else np.ones(len(moved), bool)
         moved, label = moved[~bad], label[~bad]
     return mesh
@@ -101,7 +101,7 @@ def _dents_and_bags(
     return wrong[label]
 
 
-def _first_there(vertices: NDArray[np.float64], moved: NDArray[np.int64]) -> NDArray[np.int64]:
+def _representatives(vertices: NDArray[np.float64], moved: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the vertex that stands for each, [N]: for moved ones the first at the same place, for others they
     themselves."""
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
@@ -112,7 +112,7 @@ def _first_there(vertices: NDArray[np.float64], moved: NDArray[np.int64]) -> NDA
     return result
 
 
-def _merged(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+def _merge_vertices(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """Return faces between the vertices that stand for theirs, once each; which vertices [N] are at an edge of three
     faces."""
     merged = first[faces]
@@ -120,10 +120,10 @@ def _merged(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple[NDArray
     merged = merged[proper]
     _, once = np.unique(np.sort(merged, 1), axis=0, return_index=True)
     merged = merged[np.sort(once)].astype(np.int32)
-    crowded = np.zeros(len(first), bool)
+    nonmanifold = np.zeros(len(first), bool)
     key, count = np.unique(edges(merged)[0], return_counts=True)
-    crowded[key[count > 2] >> 32] = crowded[key[count > 2] & 0xFFFFFFFF] = True
-    return merged, crowded
+    nonmanifold[key[count > 2] >> 32] = nonmanifold[key[count > 2] & 0xFFFFFFFF] = True
+    return merged, nonmanifold
 
 
 def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
@@ -132,7 +132,7 @@ def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
     return sparse.csr_matrix((np.ones(len(neighbour)), neighbour, start), (len(mesh.vertices),) * 2)
 
 
-def _of_patches(
+def _find_patches(
     mesh: Mesh, neighbours: sparse.csr_matrix, loose: NDArray[np.int64], o: LowConfidenceFillOptions
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return those of these vertices whose patch is small and held by a rim, [M], and which patch that is, [M]."""

@@ -51,7 +51,7 @@ def near_planes(mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, reach: f
     for _ in range(rings):
         vertex, plane = np.divmod(added, count)
         times = start[vertex + 1] - start[vertex]
-        new, of = neighbour[listed(start[vertex], times)], np.repeat(plane, times)
+        new, of = neighbour[join_ranges(start[vertex], times)], np.repeat(plane, times)
         close = np.abs(planes.distances(mesh.vertices[new], of)) <= reach * pixel[new]
         wanted = distinct(new[close] * count + of[close])
         known = keys[np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)] == wanted
@@ -62,6 +62,6 @@ def near_planes(mesh: Mesh, pixel: NDArray[np.float64], planes: Planes, reach: f
     return NearPlanes(*np.divmod(keys, count))
 
 
-def listed(begin: NDArray[np.integer], times: NDArray[np.integer]) -> Index:
+def join_ranges(begin: NDArray[np.integer], times: NDArray[np.integer]) -> Index:
     """Return ``begin[i], begin[i] + 1, ...``, ``times[i]`` of them for each i, one after the other."""
     return np.asarray(np.repeat(begin - np.r_[0, np.cumsum(times)[:-1]], times) + np.arange(times.sum()), np.int64)

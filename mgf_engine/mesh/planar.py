@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.normals import face_cross_products
-from mgf_engine.mesh.near_planes import listed, near_planes
+from mgf_engine.mesh.near_planes import join_ranges, near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import PARALLEL, MeshFaces, Planes, find_planes, measure_faces
 from mgf_engine.mesh.relief import Relief
@@ -30,38 +30,38 @@ class Flattened(NamedTuple):
     inside: NDArray[np.bool_]
 
 
-def flatten(mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions()) -> Mesh:
+def flatten(mesh: Mesh, pixel: NDArray[np.floating], options: PlanarOptions = PlanarOptions()) -> Mesh:
     """Project the planar parts of a mesh onto their planes; no face comes, goes or turns over.
 
     Args:
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
     """
-    return flatten_planes(mesh, pixel, o).mesh
+    return flatten_planes(mesh, pixel, options).mesh
 
 
 def flatten_planes(
-    mesh: Mesh, pixel: NDArray[np.floating], o: PlanarOptions = PlanarOptions(), relief: Relief | None = None
+    mesh: Mesh, pixel: NDArray[np.floating], options: PlanarOptions = PlanarOptions(), relief: Relief | None = None
 ) -> Flattened:
     """Flatten as :func:`flatten` does; return also the planes.
 
     Args:
         mesh: of any frame.
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
-        o: of the planes.
+        options: of the planes.
         relief: keeps what stands out of a plane together; None keeps nothing within noise.
     """
     nothing = Flattened(mesh, None, np.zeros(len(mesh.vertices), bool))
     if len(mesh.faces) == 0 or not (np.asarray(pixel) > 0).all():
         return nothing
     size: NDArray[np.float64] = np.asarray(pixel, np.float64)
-    faces = measure_faces(mesh, size, o)
-    planes = find_planes(faces, o)
+    faces = measure_faces(mesh, size, options)
+    planes = find_planes(faces, options)
     if len(planes.normals) == 0:
         return nothing
-    near = near_planes(mesh, size, planes, o.band, o.rings)
-    label = _label_creases(mesh, faces, planes, near.vertex, near.plane, o)
-    moves, inside = _moves(mesh, size, planes, label, near.vertex, o, relief)
-    moved = _unturned(mesh, mesh.vertices + moves)
+    near = near_planes(mesh, size, planes, options.band, options.rings)
+    label = _label_creases(mesh, faces, planes, near.vertex, near.plane, options)
+    moves, inside = _moves(mesh, size, planes, label, near.vertex, options, relief)
+    moved = _undo_flips(mesh, mesh.vertices + moves)
     return Flattened(replace(mesh, vertices=moved), planes, inside & (moved != mesh.vertices).any(1))
 
 
@@ -77,7 +77,7 @@ def _label_creases(
     corner = mesh.adjacency.corner
     start = mesh.adjacency.start.astype(np.int64)
     times = (start[1:] - start[:-1])[vertex]
-    rows = listed(start[vertex], times)
+    rows = join_ranges(start[vertex], times)
     key, shared = np.unique((corner[rows] // 3).astype(np.int64) * len(planes.normals) + np.repeat(plane, times),
                             return_counts=True)  # fmt: skip
     face, of = np.divmod(key[shared == 3], len(planes.normals))
@@ -139,8 +139,8 @@ def _moves(
     return moves, inside & ~far
 
 
-def _unturned(mesh: Mesh, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the moved vertices [N, 3]; those of faces that would be flipped keep their position."""
+def _undo_flips(mesh: Mesh, moved: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move the vertices of faces that the moves would flip back to where they were; returns all vertices, [N, 3]."""
     before = face_cross_products(mesh.vertices, mesh.faces)
     size = np.einsum("ij,ij->i", before, before)
     check = np.flatnonzero((moved != mesh.vertices).any(1)[mesh.faces].any(1))

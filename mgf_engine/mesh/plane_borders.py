@@ -47,7 +47,7 @@ def slope_steps(
     planes: Planes,
     label: NDArray[np.int32],
     single: NDArray[np.bool_],
-    o: PlaneBorderOptions = PlaneBorderOptions(),
+    options: PlaneBorderOptions = PlaneBorderOptions(),
 ) -> Array:
     """Return the moves [N, 3] that turn small steps between nearly parallel planes into slopes.
 
@@ -57,27 +57,27 @@ def slope_steps(
         planes: found on this mesh.
         label: the plane of each vertex, -1 for none, [N].
         single: which vertices lie in one plane only, bool [N]; the others stay.
-        o: angle, heights and widths.
+        options: angle, heights and widths.
     """
     a, b = directed_edges(mesh.faces)
-    parallel = planes.normals @ planes.normals.T > np.cos(np.radians(o.angle))
+    parallel = planes.normals @ planes.normals.T > np.cos(np.radians(options.angle))
     meet = (label[a] >= 0) & (label[b] >= 0) & (label[a] != label[b]) & parallel[label[a], label[b]] & single[a]
     a, own, other = a[meet], label[a[meet]], label[b[meet]]
     step = planes.distances(mesh.vertices[a], own) - planes.distances(mesh.vertices[a], other)
-    low, high = o.steps
+    low, high = options.steps
     step *= np.clip((high - np.abs(step) / pixel[a]) / max(high - low, 1e-12), 0, 1)
     times = np.bincount(a, minlength=len(label))
     half = np.bincount(a, step / 2, len(label)) / np.maximum(times, 1)
     moves, fixed = np.zeros((len(label), 3)), ~single | (times > 0)
     moves[times > 0] = half[times > 0, None] * planes.normals[label[times > 0]]
-    for _ in range(o.slope_rounds):
+    for _ in range(options.slope_rounds):
         moves = mesh.adjacency.smooth(moves, fixed)
-        moves[~fixed] *= o.slope_share
+        moves[~fixed] *= options.slope_share
     return moves
 
 
 def fade_moves(
-    mesh: Mesh, moves: Array, fixed: NDArray[np.bool_], o: PlaneBorderOptions = PlaneBorderOptions()
+    mesh: Mesh, moves: Array, fixed: NDArray[np.bool_], options: PlaneBorderOptions = PlaneBorderOptions()
 ) -> Array:
     """Return moves [N, 3] that fade out over the neighbours of vertices in planes.
 
@@ -85,19 +85,19 @@ def fade_moves(
         mesh: before the moves.
         moves: of its vertices, [N, 3].
         fixed: which vertices are in planes and keep their moves, bool [N].
-        o: over how many edges.
+        options: over how many edges.
     """
     free = np.flatnonzero(~fixed)
     normals = vertex_normals(mesh)[free]
     moves = np.ascontiguousarray(moves)
-    for _ in range(o.fade_rounds):
+    for _ in range(options.fade_rounds):
         moves = mesh.adjacency.smooth(moves, fixed)
         outward = np.einsum("ij,ij->i", moves[free], normals) > 0
-        moves[free] *= np.where(outward, o.fade_outward, 1.0)[:, None] * o.fade_share
+        moves[free] *= np.where(outward, options.fade_outward, 1.0)[:, None] * options.fade_share
     return moves
 
 
-def without_folds(mesh: Mesh, before: Array, at: Array) -> tuple[Array, NDArray[np.bool_]]:
+def undo_folds(mesh: Mesh, before: Array, at: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Move vertices back until no face is turned over: of each such face the one that went furthest, by half its way.
 
     Args:

@@ -76,11 +76,11 @@ class Plane(NamedTuple):
         return self if direction @ self.normal > 0 else Plane(-self.normal, -self.offset)
 
 
-def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], o: PlanarOptions) -> MeshFaces:
+def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], options: PlanarOptions) -> MeshFaces:
     """Measure centres, smoothed normals, sizes of a ground pixel, areas and neighbours of faces."""
     at = np.ascontiguousarray(mesh.vertices)
     normal = unit_vectors(mesh.adjacency.vertex_normals(at))
-    for _ in range(o.normal_rounds):
+    for _ in range(options.normal_rounds):
         normal = mesh.adjacency.smooth(normal, np.zeros(len(at), bool))
     key, face = edges(mesh.faces)
     order = np.argsort(key, kind="stable")
@@ -91,40 +91,46 @@ def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], o: PlanarOptions) -> M
     return MeshFaces(mesh, at[mesh.faces].mean(1), unit_vectors(normal[mesh.faces].sum(1)), size, area, pairs)
 
 
-def planes_of(mesh: Mesh, pixel: float, o: PlanarOptions = PlanarOptions()) -> Planes:
+def planes_of(mesh: Mesh, pixel: float, options: PlanarOptions = PlanarOptions()) -> Planes:
     """Find the planes of a finished mesh; large faces are divided, and their own normals count.
 
     Args:
         pixel: size of a ground pixel in the mesh's units.
     """
-    vertices, parts, origin = divide_long_edges(np.asarray(mesh.vertices, np.float64), mesh.faces, o.seed_side * pixel)
+    vertices, parts, origin = divide_long_edges(
+        np.asarray(mesh.vertices, np.float64), mesh.faces, options.seed_side * pixel
+    )
     fine = Mesh(vertices, parts, np.zeros((len(vertices), 3), np.uint8))
-    faces = measure_faces(fine, np.full(len(vertices), pixel), o)
-    large = (face_areas(mesh) / (o.seed_area * pixel**2))[origin, None]
-    planes = find_planes(replace(faces, normal=unit_vectors(faces.normal + large * face_normals(mesh)[origin])), o)
+    faces = measure_faces(fine, np.full(len(vertices), pixel), options)
+    large = (face_areas(mesh) / (options.seed_area * pixel**2))[origin, None]
+    planes = find_planes(
+        replace(faces, normal=unit_vectors(faces.normal + large * face_normals(mesh)[origin])), options
+    )
     label = np.full(len(mesh.faces), -1, np.int32)
     label[origin] = planes.label  # of its last part; parts of one face lie in one plane
     return replace(planes, label=label)
 
 
-def find_planes(faces: MeshFaces, o: PlanarOptions) -> Planes:
+def find_planes(faces: MeshFaces, options: PlanarOptions) -> Planes:
     """Find planes of at least ``least_area``, starting at the flattest faces."""
     label = np.full(len(faces.area), -1, np.int32)
     found: list[tuple[Plane, float]] = []
     refused: list[Plane] = []
     tree = cKDTree(faces.centre)
-    for seed in _seeds(faces, o):
+    for seed in _seeds(faces, options):
         rows = seed[label[seed] < 0]
-        if faces.area[rows].sum() < o.seed_area:
+        if faces.area[rows].sum() < options.seed_area:
             continue
         at, pixel = faces.centre[rows].mean(0), float(np.median(faces.pixel[rows]))
-        local = _begin(faces, rows, tree, label, o)
-        if local is None or _same(local, refused, at, pixel, o):
+        local = _begin(faces, rows, tree, label, options)
+        if local is None or _same(local, refused, at, pixel, options):
             continue
         free = np.flatnonzero(label < 0)
-        free = free[faces.normal[free] @ local.normal > np.cos(np.radians(o.turn))]
-        whole = _refit(faces, free, local, o)
-        grown = None if whole is None or _same(whole, refused, at, pixel, o) else _grow(faces, whole, free, o)
+        free = free[faces.normal[free] @ local.normal > np.cos(np.radians(options.turn))]
+        whole = _refit(faces, free, local, options)
+        grown = (
+            None if whole is None or _same(whole, refused, at, pixel, options) else _grow(faces, whole, free, options)
+        )
         if grown is None:
             refused += [local] if whole is None else [local, whole]
             continue

@@ -18,7 +18,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.components import label_components
 from mgf_engine.mesh.colors import vertex_normals
-from mgf_engine.mesh.near_planes import Index, NearPlanes, listed, near_planes
+from mgf_engine.mesh.near_planes import Index, NearPlanes, join_ranges, near_planes
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
@@ -82,7 +82,7 @@ class _Candidates:
 
 
 def label_vertices(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, o: PlaneLabelOptions = PlaneLabelOptions()
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, options: PlaneLabelOptions = PlaneLabelOptions()
 ) -> NDArray[np.int32]:
     """Choose the plane of each vertex, int32 [N], -1 for none.
 
@@ -91,14 +91,14 @@ def label_vertices(
         pixel: size of a ground pixel at each vertex, [N].
         planes: found on this mesh.
         photos: what sees its vertices.
-        o: costs and distances.
+        options: costs and distances.
     """
-    candidates = _candidates(mesh, pixel, planes, o)
+    candidates = _candidates(mesh, pixel, planes, options)
     area = np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
-    counted = np.minimum(area, o.largest_area)
-    cost = counted[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, o)
-    label = _choose(mesh, pixel, planes, candidates.near, cost, counted * o.no_plane_cost, o)
-    return _fill_islands(mesh, pixel, planes, area, label, o)
+    counted = np.minimum(area, options.largest_area)
+    cost = counted[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, options)
+    label = _choose(mesh, pixel, planes, candidates.near, cost, counted * options.no_plane_cost, options)
+    return _fill_islands(mesh, pixel, planes, area, label, options)
 
 
 def _fill_islands(
@@ -274,7 +274,7 @@ def _steps(
     (vertex, plane), (start, neighbour) = pairs, neighbours
     times = (start[1:] - start[:-1])[vertex]
     row = np.repeat(np.arange(len(vertex)), times)
-    other = neighbour[listed(start[vertex], times)]
+    other = neighbour[join_ranges(start[vertex], times)]
     unlike = plane[row] != label[other]
     row, other = row[unlike], other[unlike]
     step = np.zeros(len(row))

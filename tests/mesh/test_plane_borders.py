@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.plane_borders import PlaneBorderOptions, fade_moves, slope_steps, without_folds
+from mgf_engine.mesh.plane_borders import PlaneBorderOptions, fade_moves, slope_steps, undo_folds
 from mgf_engine.mesh.plane_detection import Planes
 from tests.mesh.test_planar import joined, sheet
 
@@ -95,7 +95,7 @@ def test_a_fold_is_taken_back_and_the_rest_stays():
     at = mesh.vertices + np.array([0, 0, 0.5])
     middle = int(np.linalg.norm(mesh.vertices - [30, 30, 0], axis=1).argmin())
     at[middle, 0] += 5  # over its neighbours
-    result, kept = without_folds(mesh, mesh.vertices, at)
+    result, kept = undo_folds(mesh, mesh.vertices, at)
     assert np.linalg.norm(result[middle] - mesh.vertices[middle]) < 1.5, "within its neighbours"
     assert np.flatnonzero(~kept).tolist() == [middle]
     others = np.arange(len(at)) != middle
@@ -105,6 +105,6 @@ def test_a_fold_is_taken_back_and_the_rest_stays():
 def test_nothing_is_taken_back_without_folds():
     mesh = wall()
     at = mesh.vertices + np.random.default_rng(0).normal(0, 0.05, mesh.vertices.shape)
-    result, kept = without_folds(mesh, mesh.vertices, at)
+    result, kept = undo_folds(mesh, mesh.vertices, at)
     assert kept.all()
     assert np.array_equal(result, at)

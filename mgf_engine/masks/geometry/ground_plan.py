@@ -50,16 +50,16 @@ class GroundPlan:
 
     @classmethod
     def of(
-        cls, points: NDArray[np.float64], up: NDArray[np.float64], o: GroundPlanOptions = GroundPlanOptions()
+        cls, points: NDArray[np.float64], up: NDArray[np.float64], options: GroundPlanOptions = GroundPlanOptions()
     ) -> GroundPlan:
         """Draw the plan of points [N, 3] of a building, at least one, with ``up`` [3]."""
         axes = horizontal_axes(up)
         plan = points @ axes.T
-        low, high = np.percentile(plan, o.percentiles, axis=0)
+        low, high = np.percentile(plan, options.percentiles, axis=0)
         longest = max(float((high - low).max()), 1e-9)
-        beyond = o.beyond * longest
+        beyond = options.beyond * longest
         near = ((plan >= low - beyond) & (plan <= high + beyond)).all(1)
-        cell, reach = longest / o.side, max(1, round(o.gap * o.side))
+        cell, reach = longest / options.side, max(1, round(options.gap * options.side))
         grid = PlanGrid(axes, plan[near].min(0) - (reach + 2) * cell, cell)
         at = grid.cells(points[near])
         spots = np.zeros(at.max(0) + reach + 3, np.uint8)
@@ -67,7 +67,7 @@ class GroundPlan:
         # What the walls enclose is filled while the gaps between their points are bridged.
         wide = enclosed(cv2.dilate(spots, disc(reach)) > 0).astype(np.uint8)
         _, piece, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(wide, disc(reach)))
-        large = stats[:, cv2.CC_STAT_AREA] >= o.piece * stats[1:, cv2.CC_STAT_AREA].max(initial=1)
+        large = stats[:, cv2.CC_STAT_AREA] >= options.piece * stats[1:, cv2.CC_STAT_AREA].max(initial=1)
         large[0] = False
         return cls(grid, large[piece])
 

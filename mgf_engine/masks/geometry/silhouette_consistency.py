@@ -72,7 +72,7 @@ def silhouette_odds(
     points: NDArray[np.float64],
     ground: GroundPlane | None,
     threads: int = 1,
-    o: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions(),
+    options: SilhouetteConsistencyOptions = SilhouetteConsistencyOptions(),
 ) -> list[NDArray[np.float64]]:
     """Compute the log-odds of "building" that the other photos' silhouettes give to the regions of each photo.
 
@@ -81,26 +81,26 @@ def silhouette_odds(
         points: that are probably the building, [N, 3]; the box lies around them.
         ground: what lies below it is not looked at; None without ground.
         threads: number of worker threads.
-        o: options.
+        options: options.
 
     Returns:
         [S] for each photo.
     """
-    cells, size = _cells(points, ground, o)
+    cells, size = _cells(points, ground, options)
     total, count = np.zeros(len(cells), np.float32), np.zeros(len(cells), np.float32)
     for inside, weight in parallel_map(lambda s: _sample(s, cells), silhouettes, threads):
         total += inside * weight
         count += weight
-    kept = total >= o.carved * count
+    kept = total >= options.carved * count
     cells, total, count = cells[kept], total[kept], count[kept]
 
     def odds(silhouette: Silhouette) -> NDArray[np.float64]:
         inside, weight = _sample(silhouette, cells)
         others = count - weight
         share = (total - inside * weight) / np.maximum(others, 1e-6)
-        share[others < o.least_views] = o.shares[1]
+        share[others < options.least_views] = options.shares[1]
         largest = _largest_in_regions(silhouette, cells, share, size)
-        return np.interp(largest, o.shares, (o.odds_against, 0.0, o.odds_for))
+        return np.interp(largest, options.shares, (options.odds_against, 0.0, options.odds_for))
 
     return list(parallel_map(odds, silhouettes, threads))
 

@@ -151,11 +151,11 @@ class GeometricOdds:
         inside = np.clip((probability - 0.5) / own.softness + 0.5, 0, 1).astype(np.float32)
         weight = (1 - np.clip((graph.plants - low) / max(high - low, 1e-9), 0, 1)).astype(np.float32)
         parts = [slice(graph.start[i], graph.start[i + 1]) for i in views]
-        said = [
+        silhouettes = [
             Silhouette(graph.scene.views[i], graph.regions[i], inside[part], weight[part])
             for i, part in zip(views, parts, strict=True)
         ]
-        odds = silhouette_odds(said, graph.scene.points[points], placed.ground, graph.threads, own)
+        odds = silhouette_odds(silhouettes, graph.scene.points[points], placed.ground, graph.threads, own)
         for part, values in zip(parts, odds, strict=True):
             result[part] = values
         return result
@@ -163,7 +163,7 @@ class GeometricOdds:
     def _find_ground(self, points: Array, prompts: Prompts, seed: int) -> GroundPlane | None:
         """Find the ground plane, by the probability of "building" of the points [P]; None if the clicks count it in.
 
-        Such a plane is a plinth that the building stands on, as far as anybody said: no evidence against it.
+        Such a plane is a plinth that the clicks take for a part of the building: no evidence against it.
         """
         ground = find_ground(self.graph.scene, self.graph.shape, 1 - points, seed, self.options.ground)
         if ground is None or not self._clicks_reject(ground.holds(self.graph.scene, self.graph.shape), prompts):
@@ -282,7 +282,7 @@ class GeometricOdds:
         """Return the log-odds of each region, and whether its ray meets the ground first, [S] each.
 
         Args:
-            sure: how much it says that no point of the building is near, 0..1, [S].
+            sure: weight of the evidence that no point of the building is near, 0..1, [S].
         """
         h, w = place.core.shape
         x = np.clip((regions.centres[:, 0] * w / view.width).astype(int), 0, w - 1)

@@ -71,10 +71,10 @@ class LabelPropagation:
         looked_at = range(len(self.graph.regions)) if views is None else views
         pull, target = self.graph.click_pull(prompts)
         sky = self.graph.unclicked_sky(prompts)
-        # Where nobody said what is not the building, the sky says it first.
-        silent = not any(len(c.negative) for c in prompts.values())
+        # Without a click beside the building, the sky takes their place in the first guess.
+        unclicked = not any(len(c.negative) for c in prompts.values())
         weight = self.evidence_weight
-        probability, trust = self._first_guess(pull + self.options.click_weight * (sky & silent), target)
+        probability, trust = self._first_guess(pull + self.options.click_weight * (sky & unclicked), target)
         appearance, odds, teach = np.zeros(len(probability)), np.zeros(len(probability)), trust
         placed = GeometricEvidence.nothing(len(probability))
         for round_ in range(self.options.rounds if rounds is None else rounds):

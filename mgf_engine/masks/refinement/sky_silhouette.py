@@ -64,7 +64,7 @@ def find_silhouette(
         lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`; sky: [H, W], regions that are
             sky; up: [3], normalised frame.
         view: camera of the photo.
-        options: elevation from which anything is told, and colour distances of the sky and of what is before it.
+        options: elevation above which silhouettes are found, and colour distances of the sky and of what is before it.
     """
     over = over_horizon(view, up, options.horizon)
     sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
@@ -200,22 +200,24 @@ def carve(
         cell: the side down to which cells are divided.
         options: how many photos must see a cell as something, and how many may see it as sky.
     """
-    told = [(v, _sums(o.empty), _sums(o.solid)) for v, o in zip(views, outlines, strict=True) if o.solid.any()]
+    summed = [(v, _sums(o.empty), _sums(o.solid)) for v, o in zip(views, outlines, strict=True) if o.solid.any()]
     hull = SilhouetteHull(np.zeros((1, 3), np.int64), corner, size)
     while True:
-        hull = hull.where(_may_be_solid(hull, told, options))
+        hull = hull.where(_may_be_solid(hull, summed, options))
         if hull.side <= cell or len(hull.places) * 8 > options.most_cells or not len(hull.places):
             return hull
         hull = SilhouetteHull((2 * hull.places[:, None] + _EIGHT).reshape(-1, 3), corner, hull.side / 2)
 
 
 def _may_be_solid(
-    hull: SilhouetteHull, told: Sequence[tuple[View, NDArray[np.int32], NDArray[np.int32]]], options: SilhouetteOptions
+    hull: SilhouetteHull,
+    summed: Sequence[tuple[View, NDArray[np.int32], NDArray[np.int32]]],
+    options: SilhouetteOptions,
 ) -> NDArray[np.bool_]:
     centres, radius = hull.centres, hull.side * np.sqrt(3) / 2
-    fewest = max(options.photos, round(options.photo_share * len(told)))
+    fewest = max(options.photos, round(options.photo_share * len(summed)))
     free, solid, seen = (np.zeros(len(centres), np.int32) for _ in range(3))
-    for view, empty_sums, solid_sums in told:
+    for view, empty_sums, solid_sums in summed:
         uv, depth = view.project(centres)
         before = depth > 2 * radius
         reach = max(view.fx, view.fy) * radius / np.where(before, depth, 1)

@@ -57,13 +57,13 @@ def find_contradicted_masks(
     Raises:
         BadInput: the masks contradict each other, and there is no majority.
     """
-    says = _says(scene, labels, used, dilation)
+    observed = _observed_labels(scene, labels, used, dilation)
     owner = scene.track_point
     found: dict[int, float] = {}
     while True:
-        trusted = (says != 0) & ~np.isin(scene.track_view, list(found))
+        trusted = (observed != 0) & ~np.isin(scene.track_view, list(found))
         score = np.array(
-            [_agreement(i, says, owner, scene, trusted, options.least_points) for i in range(len(scene.views))]
+            [_agreement(i, observed, owner, scene, trusted, options.least_points) for i in range(len(scene.views))]
         )
         score[list(found)] = np.nan
         low = np.flatnonzero(score < options.contradicted)
@@ -78,7 +78,7 @@ def find_contradicted_masks(
         found |= {int(i): float(score[i]) for i in worst}
 
 
-def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int) -> NDArray[np.int8]:
+def _observed_labels(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: int) -> NDArray[np.int8]:
     """Look up each observation in the mask, [T]: 1 building, -1 background, 0 unknown."""
     result = np.zeros(len(scene.track_view), np.int8)
     for index in np.flatnonzero(used).tolist():
@@ -91,7 +91,12 @@ def _says(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], dilation: in
 
 
 def _agreement(
-    index: int, says: NDArray[np.int8], owner: NDArray[np.int64], scene: Scene, trusted: NDArray[np.bool_], least: int
+    index: int,
+    observed: NDArray[np.int8],
+    owner: NDArray[np.int64],
+    scene: Scene,
+    trusted: NDArray[np.bool_],
+    least: int,
 ) -> float:
     """Compute the agreement of a view with the majority of the trusted others, 1 (all points) to 0 (a random mask).
 
@@ -100,10 +105,10 @@ def _agreement(
     """
     own = scene.track_view == index
     others = trusted & ~own
-    total = np.bincount(owner[others], says[others], len(scene.points))
-    mine = own & (says != 0) & (total[owner] != 0)
+    total = np.bincount(owner[others], observed[others], len(scene.points))
+    mine = own & (observed != 0) & (total[owner] != 0)
     if mine.sum() < least:
         return float("nan")
-    right, inside = np.sign(total[owner[mine]]) == says[mine], total[owner[mine]] > 0
+    right, inside = np.sign(total[owner[mine]]) == observed[mine], total[owner[mine]] > 0
     shares = [right[side].mean() for side in (inside, ~inside) if side.sum() >= least]
     return float(2 * np.mean(shares) - 1) if shares else float("nan")

@@ -79,8 +79,8 @@ def measure_coverage(
     known, owner = np.isfinite(margin), scene.track_point
     voters = np.bincount(owner[known], minlength=len(scene.points))
     inside = np.bincount(owner[known], margin[known] > 0, len(scene.points))
-    told = known & (voters[owner] >= options.photos)
-    return MaskCoverage(margin, told & (2 * inside > voters)[owner], told & (2 * inside < voters)[owner], options)
+    decided = known & (voters[owner] >= options.photos)
+    return MaskCoverage(margin, decided & (2 * inside > voters)[owner], decided & (2 * inside < voters)[owner], options)
 
 
 def _signed(inside: NDArray[np.bool_]) -> NDArray[np.float32]:
