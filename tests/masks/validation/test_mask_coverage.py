@@ -14,7 +14,7 @@ from benchmarks.synthetic.colmap_scene import Messages
 from benchmarks.synthetic.house_scene import house_scene
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
-from mgf_engine.masks.user_masks import read_supplied
+from mgf_engine.masks.user_masks import read_user_masks
 from mgf_engine.masks.validation.mask_coverage import describe_misfits, mark_ignored, measure_coverage
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
@@ -34,7 +34,7 @@ def scene(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 def masks_of(source: Path, tmp_path: Path, scene: Scene, name: str, level: float) -> list[np.ndarray]:
     folder = perturb(source, tmp_path / name, name, level)
-    labels = read_supplied(folder / "masks", scene)
+    labels = read_user_masks(folder / "masks", scene)
     assert all(mask is not None for mask in labels)
     return labels
 
