@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What differs between the Blender versions the add-on runs in (4.2 LTS to 5.x)."""
+"""Differences between the Blender versions that the add-on runs in (4.2 LTS to 5.x)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a Blender scene remembers, saved in the file: its photos and clicks, its options, its job folder."""
+"""Properties of a Blender scene, saved in the file: photos and clicks, options, job folder."""
 
 import uuid
 

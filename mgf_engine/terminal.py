@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How messages reach people and programs: a progress bar, plain lines, or JSON lines; and the streams they go to."""
+"""Print messages for people and programs: a progress bar, plain lines, or JSON lines; and choose their streams."""
 
 from __future__ import annotations
 

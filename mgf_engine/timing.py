@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the time of a stage goes."""
+"""Measure the time of the parts of a stage."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who we are inside Blender: the add-on's name, its preferences, and the folder it may write to."""
+"""Name and preferences of the add-on, and the folder that it may write to."""
 
 from __future__ import annotations
 

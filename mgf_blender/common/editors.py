@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which editors the window shows: the photo beside or in place of the viewport."""
+"""Open and arrange editors: show a photo beside the viewport or in its place."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one exception whose text people read, and the sentence for any other."""
+"""UserError, whose text users read, and one sentence for any other exception."""
 
 import traceback
 

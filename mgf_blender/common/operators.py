@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How every operator of the add-on fails: one sentence, no traceback, nothing half done."""
+"""Base classes of the operators: an operator that fails reports one sentence and leaves nothing half done."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where our panels stand: mixed into each class of panel, before ``bpy.types.Panel``."""
+"""Mixin of the panels in the sidebar; it stands before ``bpy.types.Panel`` among the bases."""
 
 
 class SidebarPanel:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the 3D viewports look, and which colours they draw."""
+"""Turn the 3D viewports to what was imported, and set which colours they draw."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ``mgf drawings`` made, as its ``drawings.json`` says; read again whenever that changes."""
+"""Read ``drawings.json``, the list of what ``mgf drawings`` made, again whenever it changes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the user wants drawn, as Blender properties."""
+"""Options of the drawings, as Blender properties."""
 
 import bpy
 

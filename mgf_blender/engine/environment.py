@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which Python runs the engine, and the command lines made for it."""
+"""Find the Python that runs the engine, and make command lines for it."""
 
 from __future__ import annotations
 

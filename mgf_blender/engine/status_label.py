@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panels say when there is no engine."""
+"""Draw a hint in the panels when there is no engine."""
 
 import bpy
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The Blender scene where it truly is: its world is the job's local frame, and properties say where that lies."""
+"""Place the Blender scene in the world: its world is the job's local frame, and properties hold where that lies."""
 
 from __future__ import annotations
 

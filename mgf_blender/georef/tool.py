@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the point tool of the Image Editor does while control points are marked: one mark of a point in each photo."""
+"""The point tool of the Image Editor while control points are marked: one mark of a point in each photo."""
 
 from __future__ import annotations
 

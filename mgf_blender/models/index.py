@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ``mgf models`` made, as its ``models.json`` says."""
+"""Read ``models.json``, the list of what ``mgf models`` made."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which models the user wants, as Blender properties."""
+"""Options of the models, as Blender properties."""
 
 import bpy
 

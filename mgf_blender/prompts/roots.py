@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which photos to click on: a fifth of them, spread around the building, best seen first."""
+"""Choose the photos to click on: a fifth of them, spread around the building, best seen first."""
 
 from __future__ import annotations
 

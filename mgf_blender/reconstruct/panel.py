@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The Reconstruct panel: options, the button, progress, and what the last job said."""
+"""The Reconstruct panel: options, the button that starts a job, progress, and the outcome of the last job."""
 
 from pathlib import Path
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The live preview: the training render as one image that is read again whenever the engine says so."""
+"""Live preview of the training: one image, reloaded whenever the engine has written it anew."""
 
 from __future__ import annotations
 

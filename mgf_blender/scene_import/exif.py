@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a camera was held, out of the header of a JPEG: Blender shows the stored pixels, and so do most models."""
+"""Read the EXIF orientation of a JPEG: Blender shows the pixels as stored, and so do most COLMAP models."""
 
 from __future__ import annotations
 

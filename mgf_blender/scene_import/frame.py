@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the scene's coordinates sit in Blender's world: an offset kept in float64 and an upright pose.
+"""Place a scene in Blender's world: by an offset kept in float64 and an upright pose.
 
 Objects hold ``scene - offset``, so that float32 does not round coordinates far from the origin; the empty above
 them carries the similarity that turns the scene upright (and, later, the scale the user measured).

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What would make the next mesh of this building better, told from the figures of this one."""
+"""Advise how the next mesh of this building would get better, by the figures of this one."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where marked points lie in the scene: rays of their marks, wrong marks found by the others."""
+"""Triangulate marked points by the rays of their marks, and find wrong marks by the others."""
 
 from __future__ import annotations
 

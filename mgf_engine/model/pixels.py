@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which pixel of a picture a position lies in: the centre of the top-left pixel is (0.5, 0.5)."""
+"""Look up the pixels of a picture that positions lie in; the centre of the top-left pixel is (0.5, 0.5)."""
 
 from __future__ import annotations
 

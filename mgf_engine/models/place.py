@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a job's local frame lies on Earth: the matrix to geocentric coordinates (WGS 84, EPSG:4978)."""
+"""Convert a job's local frame to geocentric coordinates (WGS 84, EPSG:4978)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ``mgf models`` was asked for, and what the parts of a run share."""
+"""Arguments of ``mgf models``, and data that the parts of a run share."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pinhole camera that the rasterizer sees."""
+"""The pinhole camera of the rasterizer."""
 
 from __future__ import annotations
 

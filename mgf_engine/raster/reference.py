@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rasterizer written plainly: float64 torch, every Gaussian at every pixel, gradients by autograd.
+"""Reference of the rasterizer in plain float64 torch: every Gaussian at every pixel, gradients by autograd.
 
 It follows the same rules as the kernels (see :mod:`mgf_engine.raster.api`) but none of their rewriting: it inverts the
 covariance, finds the point of largest response on each ray, and measures its distance to the centre as a vector. Memory

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which cards have passed ``mgf doctor --card`` here: ``--device auto`` takes no other.
+"""Record of the cards that have passed ``mgf doctor --card`` here: ``--device auto`` takes no other.
 
 A pass counts for one card, one driver and one state of the kernels' sources; after a change of any it is made again.
 """

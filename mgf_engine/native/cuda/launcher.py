@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the two builds of the CUDA sources have in common for their callers: how a kernel is named, fed and started."""
+"""Interface of both builds of the CUDA sources: how a kernel is named, gets its arguments and is launched."""
 
 from __future__ import annotations
 
