@@ -5,6 +5,8 @@ BPY := .venv-bpy
 DOCS := .venv-docs
 RUN := $(VENV)/bin/python
 DEMO ?= demo
+# 15,000 modules are installed and a tenth of them imported; those are compiled when they are.
+INSTALL := -m pip install -q --no-compile
 # One process a core, each with one thread for torch. Neighbouring tests share results that are dear to make, so each
 # process begins with a whole stretch of them and takes from the others' when it is done.
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
@@ -17,13 +19,13 @@ env-blender: $(BPY)/.ready
 $(VENV)/.ready: constraints.txt pyproject.toml
 	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is needed; install it and try again."; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(RUN) -m pip install -q -c constraints.txt torch==2.13.0 setuptools wheel ziglang
-	$(RUN) -m pip install -q -c constraints.txt --no-build-isolation -e ".[dev,survey,models,town]"
+	$(RUN) $(INSTALL) -c constraints.txt torch==2.13.0 setuptools wheel ziglang
+	$(RUN) $(INSTALL) -c constraints.txt --no-build-isolation -e ".[dev,survey,models,town]"
 	@touch $@
 
 $(BPY)/.ready: constraints-blender.txt
 	$(PYTHON) -m venv $(BPY)
-	$(BPY)/bin/python -m pip install -q -r constraints-blender.txt
+	$(BPY)/bin/python $(INSTALL) -r constraints-blender.txt
 	@touch $@
 
 kernels: $(VENV)/.ready
@@ -48,7 +50,7 @@ demo: $(VENV)/.ready $(BPY)/.ready kernels
 
 $(DOCS)/.ready: constraints-docs.txt
 	$(PYTHON) -m venv $(DOCS)
-	$(DOCS)/bin/python -m pip install -q -c constraints-docs.txt mkdocs-material mkdocstrings-python ruff
+	$(DOCS)/bin/python $(INSTALL) -c constraints-docs.txt mkdocs-material mkdocstrings-python ruff
 	@touch $@
 
 docs: $(DOCS)/.ready
