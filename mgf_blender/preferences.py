@@ -6,7 +6,7 @@ import re
 import bpy
 
 from .common.addon import NAME
-from .common.text import draw_sentence, draw_value, tr
+from .common.text import draw_sentence, draw_value, in_our_words, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
 from .engine.install import has_nvidia
@@ -165,4 +165,5 @@ def _report_lines(output: list[str]) -> list[tuple[str, str]]:
     return [(row[0], row[1] if len(row) > 1 else "") for row in rows][:24]
 
 
+in_our_words(MGF_Preferences)
 register, unregister = bpy.utils.register_classes_factory((MGF_Preferences,))

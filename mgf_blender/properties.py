@@ -6,6 +6,7 @@ import uuid
 import bpy
 
 from .common import options
+from .common.text import in_our_words
 from .compat import PATH
 from .drawings.properties import MGF_PG_drawings
 from .georef.properties import MGF_PG_control_point, MGF_PG_georef, MGF_PG_mark
@@ -137,6 +138,7 @@ CLASSES = (
     MGF_PG_georef,
     MGF_PG_scene,
 )
+in_our_words(*CLASSES)
 
 
 def register() -> None:

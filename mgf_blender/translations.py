@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Translations of the interface: one file per language in ``languages/``, English text -> translated text.
 
+Blender has a dictionary of its own, which comes first: in German its *Control Points* are those of a curve and its
+*Level* is a step. Our classes and lookups therefore ask in a context of our own, :data:`.common.text.CONTEXT`.
+
 ``tools/extract_strings.py LOCALE`` makes or refreshes such a file; what it leaves empty is shown in English.
 """
 
@@ -11,9 +14,11 @@ from pathlib import Path
 
 import bpy
 
+from .common.text import CONTEXT
+
 FOLDER = Path(__file__).with_name("languages")
-#: Operators' labels have a context of their own in Blender.
-_CONTEXTS = ("*", "Operator")
+#: Descriptions are looked up without a context.
+_CONTEXTS = ("*", CONTEXT)
 
 
 def dictionary(folder: Path = FOLDER) -> dict[str, dict[tuple[str, str], str]]:

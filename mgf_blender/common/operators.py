@@ -6,10 +6,17 @@ from __future__ import annotations
 import bpy
 
 from .errors import UserError
+from .text import CONTEXT, in_our_words
 
 
 class Operator(bpy.types.Operator):
     """Base of our operators; subclasses write :meth:`run` and may raise ``UserError``."""
+
+    bl_translation_context = CONTEXT
+
+    def __init_subclass__(cls, **keywords: object) -> None:
+        super().__init_subclass__(**keywords)
+        in_our_words(cls)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Run, and report what the user did wrong as the operator's error."""

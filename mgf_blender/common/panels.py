@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mixin of the panels in the sidebar; it stands before ``bpy.types.Panel`` among the bases."""
 
+from .text import CONTEXT
+
 
 class SidebarPanel:
     """In the sidebar of the 3D viewport, on our tab."""
@@ -8,6 +10,7 @@ class SidebarPanel:
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "MGF"
+    bl_translation_context = CONTEXT
 
 
 class PhotoPanel:
@@ -16,3 +19,4 @@ class PhotoPanel:
     bl_space_type = "IMAGE_EDITOR"
     bl_region_type = "UI"
     bl_category = "MGF"
+    bl_translation_context = CONTEXT

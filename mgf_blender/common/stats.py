@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from .options import title
-from .text import N_
+from .text import N_, tr
 
 #: Figures whose own name says too little.
 _NAMES = {"held_out": N_("Held-Out Photos")}
@@ -20,7 +20,7 @@ def draw_figures(layout: bpy.types.UILayout, figures: Mapping[str, Any]) -> None
     for name, value in figures.items():
         if isinstance(value, int | float | str):
             row = layout.row()
-            row.label(text=_NAMES.get(name) or title(str(name)))
+            row.label(text=tr(_NAMES.get(name) or title(str(name))), translate=False)
             row.label(text=figure_text(value), translate=False)
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 import bpy
 
+#: In which our texts are translated, apart from those that Blender has itself.
+CONTEXT = "MGF"
 _LETTERS = 46  # of a line where there is no window to measure
 _ICON = 20.0  # width of an icon, pixels at interface scale 1
 _MARGINS = {"UI": 98.0, "WINDOW": 290.0}  # of a sidebar, of the preferences; pixels at interface scale 1
@@ -22,8 +24,18 @@ def tr(text: str, **values: object) -> str:
 
 
 def look_up(text: str) -> str:
-    """Return what Blender's dictionaries have for a text, or the text itself."""
-    return bpy.app.translations.pgettext_iface(text)
+    """Return what our dictionary has for a text, else Blender's, or the text itself."""
+    ours: str = bpy.app.translations.pgettext_iface(text, CONTEXT)
+    return ours if ours != text else bpy.app.translations.pgettext_iface(text)
+
+
+def in_our_words(*classes: type) -> None:
+    """Have the properties of classes, which Blender is yet to register, translated in our context; their modules may
+    not postpone annotations."""
+    for cls in classes:
+        for value in cls.__annotations__.values():
+            if hasattr(value, "keywords"):  # of bpy.props
+                value.keywords.setdefault("translation_context", CONTEXT)
 
 
 def N_(text: str) -> str:

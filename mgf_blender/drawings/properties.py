@@ -24,7 +24,7 @@ class MGF_PG_drawings(bpy.types.PropertyGroup):
         default=0.0, min=0.0, soft_max=100.0, precision=2,
     )  # fmt: skip
     paper: bpy.props.EnumProperty(
-        name="Paper", description="Size of the sheets",
+        name="Paper Size", description="Size of the sheets",
         items=[("A3", "A3", "420 × 297 mm"), ("A1", "A1", "841 × 594 mm")], default="A3",
     )  # fmt: skip
     scale: bpy.props.IntProperty(

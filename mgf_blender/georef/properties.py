@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Control points and their marks as Blender properties."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..compat import PATH

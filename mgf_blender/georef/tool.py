@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The point tool of the Image Editor while control points are marked: one mark of a point in each photo."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..common.errors import UserError

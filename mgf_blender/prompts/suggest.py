@@ -4,8 +4,6 @@
 A proposed point does not count before it is accepted: it is in no prompts file and no preview. Moving it accepts it.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

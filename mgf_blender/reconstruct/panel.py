@@ -9,7 +9,7 @@ from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
 from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
-from ..common.text import N_, draw_sentence, look_up, tr
+from ..common.text import CONTEXT, N_, draw_sentence, look_up, tr
 from ..engine.status_label import draw_engine_missing
 from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_failure
 from .estimate import duration, estimate, photos_of
@@ -126,7 +126,7 @@ class MGF_PT_options(SidebarPanel, bpy.types.Panel):
             if not names:
                 continue
             header, body = layout.panel(f"MGF_options_{section}", default_closed=True)
-            header.label(text=heading)
+            header.label(text=tr(heading), translate=False)
             if body is not None:
                 column = body.column()
                 for name in names:
@@ -216,6 +216,7 @@ class MGF_OT_show_preferences(bpy.types.Operator):
 
     bl_idname = "mgf.show_preferences"
     bl_label = "Set Up Engine"
+    bl_translation_context = CONTEXT
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..common.addon import NAME

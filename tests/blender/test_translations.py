@@ -8,13 +8,14 @@ import importlib.util
 import json
 import string
 import sys
+from types import SimpleNamespace
 
 import bpy
 import pytest
 from conftest import REPO
 from layouts import draw
 
-from mgf_blender import translations
+from mgf_blender import preferences, properties, translations
 from mgf_blender.common import text as text_module
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.text import tr
@@ -88,7 +89,7 @@ def test_german_has_every_text_with_its_placeholders():
 
 
 def test_german_reaches_labels_values_and_errors(german, house, engine):
-    assert translations.dictionary()["de_DE"]["Operator", "Import COLMAP Scene"] == "COLMAP-Szene importieren"
+    assert translations.dictionary()["de_DE"][text_module.CONTEXT, "Import COLMAP Scene"] == "COLMAP-Szene importieren"
     assert tr("{count} cameras", count=12) == "12 Kameras"
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     assert "12 Kameras" in draw(MGF_PT_scene).said
@@ -106,7 +107,7 @@ def test_damaged_or_empty_dictionaries_are_left_out(tmp_path):
     (tmp_path / "fr_FR.json").write_text("{")
     (tmp_path / "it_IT.json").write_text('{"Cancel": "Annulla", "Open": ""}')
     assert translations.dictionary(tmp_path) == {
-        "it_IT": {("*", "Cancel"): "Annulla", ("Operator", "Cancel"): "Annulla"}
+        "it_IT": {("*", "Cancel"): "Annulla", (text_module.CONTEXT, "Cancel"): "Annulla"}
     }
 
 
@@ -130,3 +131,28 @@ def test_no_label_of_one_line_is_cut_off():
     assert len(found) >= 2
     for text, line in found:
         assert max(len(text), len(known.get(("*", text), ""))) <= 30, (text, line)
+
+
+def test_blenders_own_words_do_not_take_the_place_of_ours(addon):
+    """Blender's dictionary comes first where a text has no context of ours: a control point was one of a curve."""
+    found = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("MGF_")]
+    shown = [kind for kind in found if issubclass(kind, bpy.types.Operator | bpy.types.Panel)]
+    assert len(shown) > 50
+    assert [k.__name__ for k in shown if k.bl_rna.translation_context != text_module.CONTEXT] == []
+    rnas = [kind.bl_rna for kind in [*properties.CLASSES, preferences.MGF_Preferences]]
+    rnas += [getattr(bpy.ops.mgf, k.bl_idname.split(".")[1]).get_rna_type() for k in shown if hasattr(k, "run")]
+    foreign = [
+        (rna.identifier, prop.identifier)
+        for rna in rnas
+        for prop in rna.properties
+        if prop.is_runtime and not prop.is_hidden and prop.translation_context != text_module.CONTEXT
+    ]
+    assert foreign == []
+
+
+def test_lookups_ask_in_our_context_first(addon, monkeypatch):
+    blender = {("Level", "*"): "Stufe", ("Add", "*"): "Hinzufügen", ("Level", "MGF"): "Waagerecht"}
+    asked = SimpleNamespace(pgettext_iface=lambda text, context="*": blender.get((text, context), text))
+    monkeypatch.setattr(text_module, "bpy", SimpleNamespace(app=SimpleNamespace(translations=asked)))
+    assert [text_module.look_up(t) for t in ("Level", "Add", "Else")] == ["Waagerecht", "Hinzufügen", "Else"]
+    assert ("MGF", "Level") in translations.dictionary()["de_DE"]
