@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.refinement.far_background import remove_far_background
 from mgf_engine.model.masks import BACKGROUND, BUILDING
+from mgf_engine.model.scene import View
 
 WIDTH, HEIGHT = 400, 130
 UP = np.array([0.0, 0.0, 1.0])
 LEVEL = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y, upright
-VIEW = SimpleNamespace(width=WIDTH, height=HEIGHT, fx=240.0, fy=240.0, cx=200.0, cy=40.0, rotation=LEVEL)
+VIEW = View("a", "a", WIDTH, HEIGHT, 240.0, 240.0, 200.0, 40.0, LEVEL, np.zeros(3), WIDTH, HEIGHT)
 STEEL, BRICK = (120, 124, 130), (150, 70, 55)
 FRAME = np.zeros((HEIGHT, WIDTH), bool)
 FRAME[20:110, 150:230] = True

@@ -112,7 +112,7 @@ def test_without_sky_nothing_is_cut() -> None:
 class _Everywhere:
     """An extent that expects the building all over the photo, as it does between the bars of a frame."""
 
-    def place(self, index: int) -> SimpleNamespace:
+    def view_regions(self, index: int) -> SimpleNamespace:
         shape = (HEIGHT // 2, WIDTH // 2)
         return SimpleNamespace(core=np.ones(shape, bool), ground_first=np.zeros(shape, bool))
 
