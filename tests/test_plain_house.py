@@ -9,7 +9,7 @@ import cv2
 import igl
 import numpy as np
 import pytest
-from support.jobs import finish, start
+from support.jobs import run_here
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house, write_inputs
 from mgf_engine.config import make_config
@@ -31,11 +31,13 @@ def inputs(plain: PlainHouse) -> tuple[Path, Path]:
     return write_inputs(plain)
 
 
-def test_given_masks_alone_lead_to_the_house(plain: PlainHouse, inputs: tuple[Path, Path], tmp_path: Path) -> None:
+def test_given_masks_alone_lead_to_the_house(
+    plain: PlainHouse, inputs: tuple[Path, Path], tmp_path: Path, capsys
+) -> None:
     scene, masks = inputs
-    run = start("reconstruct", scene, "--masks", masks, "--out", tmp_path / "job", *OPTIONS)
-    messages = finish(run)
-    assert run.returncode == 0, messages[-1]
+    given = (scene, "--masks", masks, "--out", tmp_path / "job", *OPTIONS)
+    code, messages = run_here(capsys, "reconstruct", *given)
+    assert code == 0, messages[-1]
     assert not [m for m in messages if "masks are weak" in m.get("text", "")]  # all are true
     mesh = read_ply(tmp_path / "job" / "mesh.ply")
     truth = plain.truth

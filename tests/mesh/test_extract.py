@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import igl
@@ -49,16 +50,25 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) > 0
 
 
+def in_blocks(surface, count, said):
+    scene, masks = scene_of(ring(16), cuboid())
+    given = {"surface": surface, "level_steps": 5, "fill_holes": False, "face_votes": False}  # seams would show
+    return extract_mesh(box(0.12), scene, masks, mesh_options({**given, "blocks": count}), said)
+
+
+@functools.cache
+def in_one(surface):
+    seen = []
+    mesh = in_blocks(surface, 1, reporter(seen.append))
+    assert not [m for m in seen if "block" in m.get("figures", {})]
+    return mesh
+
+
 @pytest.mark.parametrize("number", [2, 3, 4, 8])
 @pytest.mark.parametrize("surface", ["fused", "opacity"])
 def test_blocks_make_the_same_surface_without_seams(surface, number):
-    truth = cuboid()
-    scene, masks = scene_of(ring(16), truth)
-    given = {"surface": surface, "level_steps": 5, "fill_holes": False, "face_votes": False}  # seams would show
-    seen, found = [], []
-    for count in (1, number):
-        said = reporter(seen.append)
-        found.append(extract_mesh(box(0.12), scene, masks, mesh_options({**given, "blocks": count}), said))
+    truth, seen = cuboid(), []
+    found = [in_one(surface), in_blocks(surface, number, reporter(seen.append))]
     whole, joined_up = (as_trimesh(mesh) for mesh in found)
     assert whole.is_watertight and joined_up.is_watertight and joined_up.is_winding_consistent
     assert joined_up.body_count == 1

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from support.jobs import finish, start
+from support.jobs import finish, run_here, start
 
 from benchmarks.synthetic.house import House
 
@@ -31,43 +31,43 @@ BAD_PROMPTS = {
 
 
 @pytest.mark.parametrize("name", BAD_PROMPTS)
-def test_bad_prompts_are_refused_by_name(house: House, finished, tmp_path: Path, name: str) -> None:
+def test_bad_prompts_are_refused_by_name(house: House, tmp_path: Path, capsys, name: str) -> None:
     content, part = BAD_PROMPTS[name]
     prompts = tmp_path / "prompts.json"
     prompts.write_text(content)
-    run = start("masks", house.folder, "--prompts", prompts, "--out", tmp_path / "job")
-    text = finish(run)[-1]["text"]
-    assert run.returncode == 2
-    assert part.lower() in text.lower()
+    code, messages = run_here(capsys, "masks", house.folder, "--prompts", prompts, "--out", tmp_path / "job")
+    assert code == 2
+    assert part.lower() in messages[-1]["text"].lower()
     assert not (tmp_path / "job" / "masks" / "labels").exists()
 
 
-def test_bad_prompts_of_a_folder_of_photos_are_refused_before_its_cameras_are_found(house, tmp_path: Path) -> None:
+def test_bad_prompts_of_a_folder_of_photos_are_refused_before_its_cameras_are_found(
+    house: House, tmp_path: Path, capsys
+) -> None:
     prompts = tmp_path / "prompts.json"
+    command = ("reconstruct", house.folder / "images", "--prompts", prompts, "--out", tmp_path / "job")
     for content, part in BAD_PROMPTS.values():
         prompts.write_text(content)
-        run = start("reconstruct", house.folder / "images", "--prompts", prompts, "--out", tmp_path / "job")
-        messages = finish(run)
-        assert run.returncode == 2 and part.lower() in messages[-1]["text"].lower()
+        code, messages = run_here(capsys, *command)
+        assert code == 2 and part.lower() in messages[-1]["text"].lower()
         assert not any(m["type"] == "progress" for m in messages)
 
 
-def test_masks_of_other_photos_are_refused_before_the_cameras_are_found(house: House, tmp_path: Path) -> None:
+def test_masks_of_other_photos_are_refused_before_the_cameras_are_found(house: House, tmp_path: Path, capsys) -> None:
     (tmp_path / "masks").mkdir()
     (tmp_path / "masks" / "elsewhere.png").write_bytes(b"")
-    run = start("reconstruct", house.folder / "images", "--masks", tmp_path / "masks", "--out", tmp_path / "job")
-    messages = finish(run)
-    assert run.returncode == 2 and "fits a photo" in messages[-1]["text"]
+    given = ("--masks", tmp_path / "masks", "--out", tmp_path / "job")
+    code, messages = run_here(capsys, "reconstruct", house.folder / "images", *given)
+    assert code == 2 and "fits a photo" in messages[-1]["text"]
     assert not any(m["type"] == "progress" for m in messages)
 
 
 @pytest.mark.parametrize("value", [0, 255])
-def test_masks_that_are_empty_or_cover_everything_are_refused(house: House, tmp_path: Path, value: int) -> None:
+def test_masks_that_are_empty_or_cover_everything_are_refused(house: House, tmp_path: Path, capsys, value: int) -> None:
     folder = tmp_path / "masks"
     folder.mkdir()
     for name, mask in house.masks.items():
         cv2.imwrite(str(folder / name), np.full(mask.shape, value, np.uint8))
-    run = start("masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
-    text = finish(run)[-1]["text"]
-    assert run.returncode == 2
-    assert "mask" in text
+    code, messages = run_here(capsys, "masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
+    assert code == 2
+    assert "mask" in messages[-1]["text"]

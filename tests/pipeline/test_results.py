@@ -12,8 +12,8 @@ import igl
 import numpy as np
 import pytest
 import trimesh
-from support.house_jobs import copy_until, f1, reconstruct
-from support.jobs import finish, start
+from support.house_jobs import OPTIONS, copy_until, f1
+from support.jobs import run_here
 
 from benchmarks.synthetic.house import OFFSET, House, ring_view
 
@@ -44,13 +44,12 @@ def _write_survey(folder: Path, house: House) -> np.ndarray:
     return true
 
 
-def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tmp_path: Path) -> None:
+def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tmp_path: Path, capsys) -> None:
     job, true = Path(shutil.copytree(finished[0], tmp_path / "job")), _write_survey(tmp_path, house)
     before = (job / "mesh.ply").read_bytes()
     given = ("--crs", "EPSG:25832", "--control", tmp_path / "points.csv", "--marks", tmp_path / "marks.csv")
-    run = start("georef", job, *given)
-    messages = finish(run)
-    assert run.returncode == 0 and messages[-1]["type"] == "result"
+    code, messages = run_here(capsys, "georef", job, *given)
+    assert code == 0 and messages[-1]["type"] == "result"
     assert messages[-1]["figures"]["RMSE of check points"] in {f"{k / 10:.1f} mm" for k in range(6)}
     found = json.loads((job / "georef.json").read_text())
     assert found["crs"] == "EPSG:25832" and found["method"] == "control"
@@ -65,37 +64,36 @@ def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tm
     swapped[0] = text[0]
     (tmp_path / "points.csv").write_text("\n".join(swapped))
     kept = {p: p.read_bytes() for p in (job / "georef.json", job / "job.json", job / "report.json")}
-    run = start("georef", job, *given)
-    failed = finish(run)[-1]
-    assert run.returncode == 2 and failed["type"] == "failed" and "seem swapped" in failed["text"]
+    code, messages = run_here(capsys, "georef", job, *given)
+    assert code == 2 and messages[-1]["type"] == "failed" and "seem swapped" in messages[-1]["text"]
     assert {p: p.read_bytes() for p in kept} == kept
     (tmp_path / "points.csv").write_text("\n".join(text))
     record = json.loads((job / "job.json").read_text())
     record["stages"]["scene"]["key"] = "that of a scene whose cameras other points moved"
     (job / "job.json").write_text(json.dumps(record))
-    run = start("georef", job, *given)
-    assert finish(run)[-1]["type"] == "result" and run.returncode == 0
+    code, messages = run_here(capsys, "georef", job, *given)
+    assert code == 0 and messages[-1]["type"] == "result"
     kept = json.loads((job / "job.json").read_text())["stages"]["deliver"]["key"]
     assert kept == record["stages"]["deliver"]["key"]  # the next run makes all of it anew
 
 
-def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path) -> None:
-    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--preset", "quick")
-    messages = finish(run)
-    assert run.returncode == 0, messages[-1]
+def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path, capsys) -> None:
+    given = (house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--preset", "quick")
+    code, messages = run_here(capsys, "reconstruct", *given)
+    assert code == 0, messages[-1]
     assert f1(tmp_path / "job" / "mesh.ply", house, 0.1) > 0.85
     made = json.loads((tmp_path / "job" / "deliver.json").read_text())
     assert not any(view["render"] for view in made["views"])
     assert (tmp_path / "job" / "texture.jpg").exists()
 
 
-def test_the_paper_s_method_gives_a_mesh_and_a_report(house: House, tmp_path: Path) -> None:
+def test_the_paper_s_method_gives_a_mesh_and_a_report(house: House, tmp_path: Path, capsys) -> None:
     """All of section 3 in one run, only shorter: both losses, second-level masks, opacity, eight bisections."""
     job = tmp_path / "job"
     small = ["--preset", "paper", "--iterations", "150", "--max-gaussians", "5000"]
-    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", job, *small)
-    messages = finish(run)
-    assert run.returncode == 0, messages[-1]
+    given = (house.folder, "--prompts", house.prompts, "--out", job, *small)
+    code, messages = run_here(capsys, "reconstruct", *given)
+    assert code == 0, messages[-1]
     assert f1(job / "mesh.ply", house, 0.25) > 0.5  # sparse points and 150 iterations go no further
     config = json.loads((job / "report.json").read_text())["config"]
     assert (config["preset"], config["surface"], config["multilevel_loss"]) == ("paper", "opacity", True)
@@ -139,35 +137,38 @@ def test_everything_promised_is_in_the_job_folder(finished) -> None:
     assert not list(job.rglob(".part-*"))
 
 
-@pytest.mark.parametrize("format", ["obj", "glb"])
-def test_other_formats_hold_the_same_mesh(finished, tmp_path: Path, format: str) -> None:
+def test_other_formats_hold_the_same_mesh(finished, tmp_path: Path, capsys) -> None:
     job = tmp_path / "job"
     shutil.copytree(finished[0], job)
-    messages = finish(start("reconstruct", "--out", job, "--resume", f"--export-{format}"))
-    assert messages[-1]["type"] == "result"
-    other, mesh = trimesh.load(job / f"mesh.{format}", force="mesh"), trimesh.load(job / "mesh.ply")
-    assert len(other.faces) == len(mesh.faces)
-    np.testing.assert_allclose(other.bounds, mesh.bounds, atol=1e-3)
+    code, messages = run_here(capsys, "reconstruct", "--out", job, "--resume", "--export-obj", "--export-glb")
+    assert code == 0 and messages[-1]["type"] == "result"
+    mesh = trimesh.load(job / "mesh.ply")
+    for name in ("mesh.obj", "mesh.glb"):
+        other = trimesh.load(job / name, force="mesh")
+        assert len(other.faces) == len(mesh.faces), name
+        np.testing.assert_allclose(other.bounds, mesh.bounds, atol=1e-3, err_msg=name)
 
 
-def test_masks_of_the_user_are_taken_as_they_are(house: House, tmp_path: Path) -> None:
+def test_masks_of_the_user_are_taken_as_they_are(house: House, tmp_path: Path, capsys) -> None:
     folder = tmp_path / "masks"
     folder.mkdir()
     for name, mask in house.masks.items():
         cv2.imwrite(str(folder / name), (mask * 255).astype(np.uint8))
-    run = start("masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
-    assert finish(run)[-1]["type"] == "result"
+    code, messages = run_here(capsys, "masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
+    assert code == 0 and messages[-1]["type"] == "result"
     labels = cv2.imread(str(next((tmp_path / "job/masks/labels").glob("*photo_03*"))), cv2.IMREAD_UNCHANGED)
     assert ((labels > 0) == house.masks["photo_03.png"]).mean() > 0.995
 
 
-def test_a_crop_box_limits_the_mesh_and_keeps_the_field(house: House, finished, tmp_path: Path) -> None:
+def test_a_crop_box_limits_the_mesh_and_keeps_the_field(house: House, finished, tmp_path: Path, capsys) -> None:
     job = tmp_path / "job"
     copy_until(finished[0], job, "deliver")
     low, high = house.mesh.vertices.min(0) - 0.2, house.mesh.vertices.max(0) + 0.2
     high[0] = house.mesh.vertices[:, 0].mean()  # half the house
     (tmp_path / "box.txt").write_text(" ".join(map(str, [*low, *high])))
-    messages = reconstruct(house, job, "--resume", "--crop-box", tmp_path / "box.txt")
+    given = (house.folder, "--prompts", house.prompts, "--out", job, *OPTIONS)
+    code, messages = run_here(capsys, "reconstruct", *given, "--resume", "--crop-box", tmp_path / "box.txt")
+    assert code == 0, messages[-1]
     cached = {m["stage"]: m["cached"] for m in messages if m["type"] == "stage"}
     assert cached == {"scene": True, "masks": True, "field": True, "mesh": False, "deliver": False}
     mesh = trimesh.load(job / "mesh.ply")

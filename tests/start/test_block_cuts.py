@@ -35,23 +35,45 @@ def samples(mesh: Mesh) -> np.ndarray:
     return trimesh.sample.sample_surface(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False), 5000, seed=0)[0]
 
 
+@pytest.fixture(scope="module")
+def whole(plain_house: PlainHouse) -> tuple[StartSurface, int]:
+    """The surface in one cut, and the points that it was cut from."""
+    counts: list[int] = []
+
+    def cut(views, evidence, options, check):
+        counts.append(len(evidence.points))
+        return whole_cut(views, evidence, options, check)
+
+    whole_cut = block_cuts.cut_surface
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(block_cuts, "cut_surface", cut)
+        patch.setattr(block_cuts, "make_grid", None)  # one block makes none
+        made = surface(plain_house, 1)
+    (count,) = counts
+    return made, count
+
+
 @pytest.mark.parametrize("count", [2, 4])
-def test_blocks_make_the_surface_of_the_whole(plain_house: PlainHouse, count: int) -> None:
+def test_blocks_make_the_surface_of_the_whole(
+    plain_house: PlainHouse, whole: tuple[StartSurface, int], count: int
+) -> None:
     said: list[str] = []
     reporter = Reporter(lambda m: said.append(m["figures"].get("block")) if m["type"] == "progress" else None,
                         min_interval=0.0)  # fmt: skip
     reporter.stage("field")
-    whole, parts = surface(plain_house, 1), surface(plain_house, count, reporter)
+    once, parts = whole[0], surface(plain_house, count, reporter)
     assert [block for block in said if block] == [f"{k} of {count}" for k in range(1, count + 1)]
-    assert face_areas(parts.mesh).sum() == pytest.approx(face_areas(whole.mesh).sum(), rel=0.03)
+    assert face_areas(parts.mesh).sum() == pytest.approx(face_areas(once.mesh).sum(), rel=0.03)
     assert len(parts.confidence) == len(parts.mesh.faces)
-    for mesh, other in ((whole.mesh, parts.mesh), (parts.mesh, whole.mesh)):  # no gap, nothing more
-        assert np.quantile(off(samples(mesh), other), 0.98) < 2 * whole.pixel
-    near = [np.mean(off(samples(mesh), plain_house.truth) < 2 * whole.pixel) for mesh in (whole.mesh, parts.mesh)]
+    for mesh, other in ((once.mesh, parts.mesh), (parts.mesh, once.mesh)):  # no gap, nothing more
+        assert np.quantile(off(samples(mesh), other), 0.98) < 2 * once.pixel
+    near = [np.mean(off(samples(mesh), plain_house.truth) < 2 * once.pixel) for mesh in (once.mesh, parts.mesh)]
     assert near[1] > near[0] - 0.02
 
 
-def test_each_cut_sees_the_rest_of_the_building_coarsely(plain_house: PlainHouse, monkeypatch) -> None:
+def test_each_cut_sees_the_rest_of_the_building_coarsely(
+    plain_house: PlainHouse, whole: tuple[StartSurface, int], monkeypatch
+) -> None:
     counts: list[int] = []
 
     def cut(views, evidence, options, check):
@@ -62,10 +84,7 @@ def test_each_cut_sees_the_rest_of_the_building_coarsely(plain_house: PlainHouse
     monkeypatch.setattr(block_cuts, "cut_surface", cut)
     options = replace(StartOptions(), cut=replace(CutOptions(), blocks=4, margin=10.0, coarse=30.0))
     start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
-    options = replace(StartOptions(), cut=CutOptions())
-    monkeypatch.setattr("mgf_engine.start.block_cuts.make_grid", None)  # one block makes none
-    start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
-    assert len(counts) == 5 and max(counts[:4]) < 0.6 * counts[4]
+    assert len(counts) == 4 and max(counts) < 0.6 * whole[1]
 
 
 def test_points_beyond_the_margin_are_merged_and_keep_their_views() -> None:

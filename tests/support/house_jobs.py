@@ -14,7 +14,7 @@ import trimesh
 from benchmarks.synthetic.house import House
 from support.jobs import finish, start
 
-OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
+OPTIONS = ["--iterations", "150", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
 
 
 def reconstruct(house: House, job: Path, *more: object) -> list[dict]:

