@@ -22,7 +22,7 @@ from mgf_engine.masks.geometry.point_features import clicked_groups, measure_poi
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
 from mgf_engine.masks.geometry.superstructures import find_superstructures
-from mgf_engine.masks.prompts import Clicks, Prompts
+from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.superpixels import Regions
 from mgf_engine.model.pixels import pixel_at
@@ -112,9 +112,8 @@ class GeometricOdds:
         extent = self._extent(np.concatenate([keep, added]) & ~floaters, ground, others)
         tied = self._tied_to_building(keep, points, appearance, graph.clicked_regions(prompts))
         within = np.zeros(graph.point_count)
-        geometry = parallel_map(
-            lambda i: self._geometry(extent, i, tied, prompts.get(i, Clicks()).positive), views, graph.threads
-        )
+        clicked = self._clicks_beyond(extent, prompts)
+        geometry = parallel_map(lambda i: self._geometry(extent, i, tied, clicked), views, graph.threads)
         for index, (odds, first, inside) in zip(views, geometry, strict=True):
             part = slice(graph.start[index], graph.start[index + 1])
             region_odds[part] += odds
@@ -204,7 +203,7 @@ class GeometricOdds:
         return np.clip((tied - low) / (high - low), 0, 1)
 
     def _geometry(
-        self, extent: BuildingExtent, index: int, tied: Array, clicks: Array
+        self, extent: BuildingExtent, index: int, tied: Array, clicked: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
         """Return the log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within
         [P].
@@ -213,23 +212,44 @@ class GeometricOdds:
             extent: of the building.
             index: of the view.
             tied: how likely regions belong to the building although no point of it is near, 0..1, [regions].
-            clicks: positive ones of the view, working pixels [N, 2].
+            clicked: places that were clicked beyond the building's points, normalised frame [N, 3].
         """
         place = extent.view_regions(index)
         sure = 1 - tied[self.graph.start[index] : self.graph.start[index + 1]]
         view = self.graph.scene.views[index]
-        if self._clicks_beyond(place, view, clicks):
+        uv, _, inside = view.project_into_frame(clicked)
+        if self._beyond(place, view, uv[inside]).any():
             # The building is larger in this photo than its points: their hull does not tell where it ends.
             place = replace(place, hull=np.ones_like(place.hull))
         odds, first = self._region_odds(place, self.graph.regions[index], view, sure)
         seen = self.visibility.owner[self.graph.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
 
-    def _clicks_beyond(self, place: ViewRegions, view: View, clicks: Array) -> bool:
-        """Tell whether one of the clicks, working pixels [N, 2], lies well beyond the building's points."""
+    def _clicks_beyond(self, extent: BuildingExtent, prompts: Prompts) -> Array:
+        """Return where positive clicks lie that are well beyond the building's points, normalised frame [N, 3].
+
+        They are taken to be as far from the camera as the building's surface next to them in the photo.
+        """
+        places = [np.zeros((0, 3))]
+        for index, clicks in prompts.items():
+            view, place = self.graph.scene.views[index], extent.view_regions(index)
+            beyond = clicks.positive[self._beyond(place, view, clicks.positive)]
+            surface = np.argwhere(np.isfinite(place.near))
+            if len(beyond) and len(surface):
+                _, nearest = cKDTree(surface).query(np.stack(self._map_pixels(place, view, beyond), 1))
+                places.append(view.unproject(beyond, place.near[tuple(surface[nearest].T)]))
+        return np.concatenate(places)
+
+    def _beyond(self, place: ViewRegions, view: View, at: Array) -> NDArray[np.bool_]:
+        """Tell which places in a photo, working pixels [N, 2], lie well beyond the building's points, [N]."""
+        y, x = self._map_pixels(place, view, at)
+        return np.asarray(~place.hull[y, x] & (place.away[y, x] > self.options.far_from), bool)
+
+    @staticmethod
+    def _map_pixels(place: ViewRegions, view: View, at: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return rows and columns of the map's pixels at places in a photo, working pixels [N, 2]."""
         h, w = place.hull.shape
-        y, x = pixel_at((h, w), clicks * (w / view.width, h / view.height))
-        return bool((~place.hull[y, x] & (place.away[y, x] > self.options.far_from)).any())
+        return pixel_at((h, w), at * (w / view.width, h / view.height))
 
     def extent(self, keep: NDArray[np.bool_], ground: GroundPlane | None, prompts: Prompts) -> BuildingExtent:
         """Return the extent of the building.
