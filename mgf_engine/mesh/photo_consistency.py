@@ -89,6 +89,24 @@ def see_vertices(
     return PatchPhotos(views, grey, best, options)
 
 
+def widest_angle(photos: PatchPhotos, points: Array, vertex: NDArray[np.int64]) -> Array:
+    """Return the widest angle between the rays from vertices to the photos that see them best, radians.
+
+    Args:
+        photos: what sees the vertices.
+        points: all vertices, normalised frame, [N, 3].
+        vertex: numbers of the vertices asked for, [M].
+
+    Returns:
+        [M]; 0 for a vertex that fewer than two photos see.
+    """
+    best = photos.best[vertex]
+    rays = unit_vectors(np.stack([view.centre for view in photos.views])[best] - points[vertex, None])
+    both = (best >= 0)[:, :, None] & (best >= 0)[:, None, :] & ~np.eye(best.shape[1], dtype=bool)
+    cosine = np.where(both, np.einsum("mki,mli->mkl", rays, rays), 1.0)
+    return np.asarray(np.arccos(np.clip(cosine.min((1, 2)), -1, 1)), np.float64)
+
+
 def compare_patches(
     photos: PatchPhotos, vertex: NDArray[np.int64], at: Array, normals: Array, pixel: Array
 ) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.components import label_components
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.near_planes import Index, NearPlanes, join_ranges, near_planes
-from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
+from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches, widest_angle
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
 
@@ -45,6 +45,9 @@ class PlaneLabelOptions:
     contrast: float = parameter(8.0, "Standard deviation of a patch that makes the photos sure", "grey levels", low=0.1)
     margin: float = parameter(
         0.3, "Correlation by which the plane must be better where the photos are sure, beyond creases", high=1
+    )
+    sure_parallax: float = parameter(
+        1.5, "Parallax between vertex and plane from which on the margin is asked for in full", "px", low=1e-3
     )
     crease: float = parameter(30.0, "Minimum angle between two planes that meet in a crease", "degrees")
     crease_reach: float = parameter(
@@ -174,6 +177,9 @@ def _photo_costs(
     margin = np.where(_at_creases(planes, candidates, o)[vertex], 0.0, o.margin) * np.clip(
         candidates.off[asked] - o.trusted_distance, 0, 1
     )
+    # Where all photos look from nearly the same side, a dent and a reveal look alike, and the plane is simpler.
+    parallax = candidates.off[asked] * 2 * np.tan(widest_angle(photos, mesh.vertices, own)[index] / 2)
+    margin *= np.minimum(parallax / o.sure_parallax, 1)
     cost[asked] = sure * (here[index] - there + margin)
     return cost
 

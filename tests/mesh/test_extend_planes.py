@@ -10,7 +10,7 @@ from mgf_engine.mesh.extend_planes import ON_PLANE, PlaneExtensionOptions, exten
 from mgf_engine.mesh.extract import finish_mesh
 from mgf_engine.mesh.near_planes import near_planes
 from mgf_engine.mesh.options import ExtractionOptions
-from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices
+from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices, widest_angle
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, _fill_islands, label_vertices
@@ -104,6 +104,23 @@ def test_a_dent_that_photos_show_stays():
 def test_a_dent_is_filled_where_photos_show_the_plane():
     _, result = extended(dented(3.0), cameras(), textured(dented(0.0)))
     assert deepest(result) < 0.05
+
+
+def test_a_dent_is_filled_where_photos_look_from_nearly_the_same_side():
+    """A dent of 3 pixels is a parallax of 0.4: the photos look alike on the plane and in the dent."""
+    wall, views, photo = dented(3.0), cameras(radius=12.0), textured(dented(0.0))
+    always = PlaneExtensionOptions(labels=PlaneLabelOptions(sure_parallax=1e-3))
+    assert deepest(extended(wall, views, photo, always)[1]) > 2.5
+    assert deepest(extended(wall, views, photo)[1]) < 0.05
+
+
+def test_the_widest_angle_is_that_between_the_outermost_rays():
+    wall, views = dented(0.0), cameras(count=4, radius=80.0, height=80.0)
+    photos = see_vertices(wall, np.ones(len(wall.vertices)), views, lambda number: plain(views[number]))
+    middle = np.flatnonzero(np.abs(wall.vertices - MIDDLE).sum(1) < 1e-9)
+    assert np.degrees(widest_angle(photos, wall.vertices, middle)) == pytest.approx(90.0)
+    photos.best[middle, 1:] = -1
+    assert not widest_angle(photos, wall.vertices, middle).any(), "one photo alone"
 
 
 def worn_box():
