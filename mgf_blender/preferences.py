@@ -6,12 +6,15 @@ import re
 import bpy
 
 from .common.addon import NAME
-from .common.text import draw_sentence, draw_value, in_our_words, tr
+from .common.text import N_, draw_sentence, draw_value, in_our_words, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
 from .engine.install import has_nvidia
 from .engine.swap import discarding, unfinished
 from .engine.task import CANCELLED, DONE, FAILED, RUNNING
+
+#: Extra of the engine -> the tick that installs it.
+_TICKS = {"survey": N_("Drawings and Map Coordinates"), "models": N_("Models")}
 
 
 def _other_engine(prefs: bpy.types.AddonPreferences, context: bpy.types.Context) -> None:
@@ -109,7 +112,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         column.prop(self, "install_models")
         there = python_of(managed_environment()).is_file()
         row = layout.row(align=True)
-        row.operator("mgf.install_engine", text="Reinstall Engine" if there else "Install Engine", icon="IMPORT")
+        text = N_("Reinstall Engine") if there else N_("Install Engine")
+        row.operator("mgf.install_engine", text=text, icon="IMPORT")
         left = not there and unfinished(managed_environment()).exists()
         if there or left:
             row.operator("mgf.remove_engine", text="", icon="TRASH")
@@ -150,11 +154,27 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             draw_sentence(box, verdict, "CHECKMARK")
             for name, value in rows:
                 if value:
-                    draw_value(box, name, value)
+                    draw_value(box, name, _in_panel_terms(value, self.engine_source == "MANAGED"))
                 else:
                     box.label(text=name, translate=False)
             if task.note:
                 draw_sentence(layout, task.note, "INFO")
+
+
+def _in_panel_terms(value: str, managed: bool) -> str:
+    """Say what is missing in terms of these preferences; in an engine that they installed nobody calls pip.
+
+    Args:
+        value: of a line of the engine's report.
+        managed: whether *Install Engine* made the engine.
+    """
+    value = value.replace("'mgf weights' fetches", tr("the arrow beside Mask Weights fetches"))
+    extra = re.search(r"pip install .*'mgf-engine\[(\w+)\]'", value)
+    if extra is None or not managed:
+        return value
+    if extra[1] not in _TICKS:
+        return tr("missing; mgf town needs an existing environment with mgf-engine[town]")
+    return tr("missing; tick {tick} and press Reinstall Engine", tick=tr(_TICKS[extra[1]]))
 
 
 def _report_lines(output: list[str]) -> list[tuple[str, str]]:

@@ -12,6 +12,17 @@ from ..common.text import N_, look_up, tr
 CONTACT_SHEET = "contact sheet"
 #: The most frequent failure, as :func:`in_panel_terms` returns it: listed here for the translations.
 _FAILURES = (N_("Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),)
+#: Remarks of most drawings and models, likewise.
+_REMARKS = (
+    N_(
+        "The job has no true coordinates, so one unit of its scene is drawn as one metre; give Georeference control "
+        "points or scale bars for true lengths."
+    ),
+    N_(
+        "The job has no true coordinates, so one unit of its scene counts as one metre in its models; give "
+        "Georeference control points or scale bars for true lengths."
+    ),
+)
 
 
 def translate_failure(text: str) -> str:
@@ -27,6 +38,7 @@ def in_panel_terms(text: str) -> str:
     button = "Reconstruct Building" if "--resolution" in text else "Resume"  # which takes no new options
     text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
     text = re.sub(r"run 'mgf georef'(?: again)?", "press Georeference Job", text)
+    text = text.replace("give 'mgf georef'", "give Georeference")
     text = re.sub(
         r"(?:install with: |get it by )pip install 'mgf-engine\[survey\]'(?:, in (?:the engine's|its) environment)?",
         "tick Drawings and Map Coordinates in the preferences and press Install Engine, or in an environment of your "

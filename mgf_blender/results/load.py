@@ -25,6 +25,7 @@ from ..scene_import.cameras import (
     add_cameras,
     clear_view,
     find_camera,
+    fit_render,
     load_image,
     shrink_cameras,
 )
@@ -164,6 +165,8 @@ def _look_at(scene: bpy.types.Scene, tree: Tree) -> None:
     cameras, active = tree.objects("Cameras"), scene.camera
     if cameras and (active is None or (PHOTO_KEY in active and active not in cameras)):
         scene.camera = cameras[0]
+        if scene.mgf.fit_render:  # the handler would only do it after the undo step
+            fit_render(scene, cameras[0])
 
 
 def _replace_mesh(

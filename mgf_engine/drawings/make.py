@@ -104,8 +104,8 @@ def _facades(survey: Survey, wanted: DrawingOptions, options: FacadeOptions) -> 
 def _tell(survey: Survey, reporter: Reporter) -> None:
     if not survey.georeference.metric:
         reporter.warning(
-            "The job has no true coordinates, so one unit of its scene is drawn as one metre; run 'mgf georef' first "
-            "for true lengths."
+            "The job has no true coordinates, so one unit of its scene is drawn as one metre; give 'mgf georef' "
+            "control points or scale bars for true lengths."
         )
 
 

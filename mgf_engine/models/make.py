@@ -79,8 +79,8 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
 def _tell(survey: Survey, reporter: Reporter) -> None:
     if not survey.georeference.metric:
         reporter.warning(
-            "The job has no true coordinates, so one unit of its scene counts as one metre in its models; run "
-            "'mgf georef' first for true lengths."
+            "The job has no true coordinates, so one unit of its scene counts as one metre in its models; give "
+            "'mgf georef' control points or scale bars for true lengths."
         )
 
 

@@ -254,6 +254,28 @@ def test_results_on_their_way_and_broken(addon, engine, house):
     assert "not a PLY file" in " ".join(draw(MGF_PT_results).said.split())
 
 
+@pytest.mark.parametrize(
+    ("extra", "line"),
+    [
+        ("survey", "missing; tick Drawings and Map Coordinates and press Reinstall Engine"),
+        ("models", "missing; tick Models and press Reinstall Engine"),
+        ("town", "missing; mgf town needs an existing environment with mgf-engine[town]"),
+    ],
+)
+def test_a_check_of_an_engine_installed_here_names_ticks_and_not_pip(extra, line):
+    said = f"need rasterio, ezdxf: pip install -c '/home/me/constraints.txt' 'mgf-engine[{extra}]'"
+    assert preferences._in_panel_terms(said, managed=True) == line
+    assert preferences._in_panel_terms(said, managed=False) == said
+    assert preferences._in_panel_terms("yes", managed=True) == "yes"
+
+
+@pytest.mark.parametrize("managed", [True, False])
+def test_a_check_names_the_button_of_the_weights(managed):
+    said = "random walker; 'mgf weights' fetches those of EfficientSAM"
+    shown = preferences._in_panel_terms(said, managed)
+    assert shown.startswith("random walker; the arrow beside Mask Weights fetches those of EfficientSAM")
+
+
 @pytest.mark.parametrize("source", ["MANAGED", "EXISTING"])
 def test_preferences(addon, engine, source, monkeypatch):
     class Stand:

@@ -20,6 +20,7 @@ from mgf_blender.common import text as text_module
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.text import tr
 from mgf_blender.prompts import files
+from mgf_blender.reconstruct.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_mark
 from mgf_blender.scene_import.panel import MGF_PT_scene
 
@@ -97,6 +98,18 @@ def test_german_reaches_labels_values_and_errors(german, house, engine):
     assert "1 von 3 Fotos markiert" in draw(MGF_PT_mark).said
     error = UserError("The disk is full, '{path}' was not written; free some space and try again.", path="a {b}")
     assert str(error).startswith("Der Datenträger ist voll, „a {b}“")
+
+
+@pytest.mark.parametrize("command", ["drawings", "models"])
+def test_remarks_on_lengths_name_what_the_job_lacks(command):
+    """To press Georeference once more without control points would change nothing, so the remark asks for them."""
+    source = (REPO / "mgf_engine" / command / "make.py").read_text(encoding="utf-8")
+    texts = [n.value for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+    (said,) = (text for text in texts if "no true coordinates" in text)
+    text = in_panel_terms(said)
+    assert "give Georeference control points or scale bars" in text
+    german = translations.dictionary()["de_DE"][text_module.CONTEXT, text]
+    assert german.startswith("Der Auftrag hat keine wahren Koordinaten")
 
 
 def test_english_stays_english_and_unknown_texts_pass(addon):

@@ -55,6 +55,17 @@ for _ in range(3):
         bpy.ops.ed.redo()
         assert drawn() == state, (drawn(), state)
 """
+_SIZE = """
+render = bpy.context.scene.render
+render.resolution_x, render.resolution_y = 1920, 1080
+bpy.ops.ed.undo_push(message="size")
+steps["result"]()
+bpy.ops.mgf.show_in_camera("EXEC_DEFAULT", True, kind="MESH")
+bpy.ops.ed.undo()
+scene = bpy.context.scene
+size = [scene.render.resolution_x, scene.render.resolution_y]
+assert size == list(scene.camera["mgf_size"]), size
+"""
 _ARRIVAL = """
 hidden, own, mode = sys.argv[4:]
 
@@ -121,6 +132,11 @@ def test_undo_of_every_step(steps, tmp_path):
 def test_a_result_arrives_in_whatever_scene_and_mode(case, tmp_path):
     """In a scene that no window shows there was no undo step; the next undo left freed objects in its collections."""
     survives(tmp_path, _ARRIVAL, *case.split())
+
+
+def test_undo_of_the_photo_keeps_the_render_size_of_the_camera(tmp_path):
+    """The size that came after the result's undo step was lost with the step after it."""
+    survives(tmp_path, _SIZE)
 
 
 def test_a_list_that_is_stale_after_undo_is_never_read():

@@ -264,8 +264,8 @@ def test_damaged_files_of_the_engine_show_nothing(finished, house, text):
 
 
 def test_sentences_of_the_engine_speak_of_the_panel():
-    assert in_panel_terms("Drawn as one metre; run 'mgf georef' first for true lengths.") == (
-        "Drawn as one metre; press Georeference Job first for true lengths."
+    assert in_panel_terms("The georeference cannot be used; run 'mgf georef' again.") == (
+        "The georeference cannot be used; press Georeference Job."
     )
 
 
