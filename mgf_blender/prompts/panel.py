@@ -143,7 +143,9 @@ def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     count = sum(click.proposed for photo in photos for click in photo.clicks)
     draw_sentence(layout, tr("{count} points proposed in {photos} photos", count=count, photos=len(photos)), "QUESTION")
     row = layout.row(align=True)
-    row.operator("mgf.accept_suggestions", text="Accept Photo", icon="CHECKMARK").every = False
+    here = row.row(align=True)
+    here.enabled = active_photo(scene) in photos
+    here.operator("mgf.accept_suggestions", text="Accept Photo", icon="CHECKMARK").every = False
     row.operator("mgf.accept_suggestions", text="Accept All").every = True
     row.operator("mgf.discard_suggestions", text="", icon="TRASH").every = True
 

@@ -55,6 +55,10 @@ def test_proposed_points_do_not_count_until_they_are_accepted(state, house, phot
     assert bpy.ops.mgf.accept_suggestions(every=False) == {"FINISHED"}
     assert files.to_data(scene) == {photos[0]: CLICKS}
     assert preview.signature(scene.mgf.photos[photos[0]]) != before
+    accept = [
+        (given.every, on) for name, given, on in draw(MGF_PT_prompts).operators if name.endswith("accept_suggestions")
+    ]
+    assert accept == [(False, False), (True, True)]  # nothing is left to accept in this photo
     assert bpy.ops.mgf.accept_suggestions() == {"FINISHED"}
     assert files.to_data(scene) == dict.fromkeys(photos, CLICKS) and proposed(scene) == []
     assert "Points proposed in" not in draw(MGF_PT_prompts).said  # nor the warnings of that run
