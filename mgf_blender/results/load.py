@@ -165,8 +165,7 @@ def _look_at(scene: bpy.types.Scene, tree: Tree) -> None:
     cameras, active = tree.objects("Cameras"), scene.camera
     if cameras and (active is None or (PHOTO_KEY in active and active not in cameras)):
         scene.camera = cameras[0]
-        if scene.mgf.fit_render:  # the handler would only do it after the undo step
-            fit_render(scene, cameras[0])
+        fit_render(scene, cameras[0])  # the handler does it too late, after the undo step
 
 
 def _replace_mesh(
