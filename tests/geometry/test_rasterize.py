@@ -172,7 +172,7 @@ def test_pixels_behind_faces_that_go_are_counted_as_if_all_were_drawn_again(thre
         found = count_uncovered(mesh, left, before, views, labels)
         for name in ("front", "back", "inside", "known"):
             assert np.array_equal(getattr(found, name)[left], getattr(expected, name))
-        for some, all_ in zip(found.pictures, expected.pictures, strict=True):
+        for some, all_ in zip(found.face_images, expected.face_images, strict=True):
             seen = all_.unpacked()
             assert np.array_equal(some.unpacked(), np.where(seen >= 0, np.flatnonzero(left)[seen], -1))
     library.set_threads(0)
