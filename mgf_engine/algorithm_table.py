@@ -64,6 +64,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("ground_homography", "masks", "Ground that shows through the building", "masks.refinement.ground_homography:GroundHomographyOptions"),
     Algorithm("mirrored_ground", "masks", "Ground that panes mirror", "masks.refinement.mirrored_ground:MirroredGroundOptions"),
     Algorithm("mirrored_sky", "masks", "Sky that panes mirror", "masks.refinement.mirrored_sky:MirroredSkyOptions"),
+    Algorithm("ignored_surface", "masks", "Surface of the building that all masks ignore", "masks.refinement.ignored_surface:IgnoredSurfaceOptions"),
     Algorithm("far_background", "masks", "Far background behind an open building", "masks.refinement.far_background:FarBackgroundOptions"),
     Algorithm("building_extent", "masks", "Extent of the building in the photos", "masks.geometry.building_extent:ExtentOptions", also=("preview",)),
     Algorithm("appearance", "masks", "Models of colour and texture of building and background", "masks.propagation.appearance:AppearanceOptions", also=("preview",)),

@@ -22,6 +22,7 @@ from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
 from mgf_engine.masks.refinement.far_background import FarBackgroundOptions, remove_far_background
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, GroundHomographyOptions
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_missing_pixels
+from mgf_engine.masks.refinement.ignored_surface import IgnoredSurfaceOptions, find_ignored_surface
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, MirrorTest
 from mgf_engine.masks.refinement.mirrored_sky import MirroredSkyOptions, find_mirrored_sky
@@ -112,6 +113,7 @@ class MaskCorrection:
                 pierced[index] = holes
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.scene.views))
         self._close_panes(pierced, extent, accepted, voters)
+        self._fill_ignored(extent, voters)
         ground = None if self.plane is None else self._ground_finder(self.plane)
         opened = ground is not None and self._cut_ground(ground, voters)
         thin = self._add_thin_structures(ground, accepted)
@@ -147,6 +149,16 @@ class MaskCorrection:
             self.scene, lambda i: self._correct_view(i, extent, accepted, panes[i]), panes, self.graph.threads
         ):
             self.reporter.check()
+
+    def _fill_ignored(self, extent: BuildingExtent, voters: Sequence[int]) -> None:
+        """Take for building what all masks ignore at the same place of its surface."""
+        options = self.config.algorithm(IgnoredSurfaceOptions)
+        pieces = find_ignored_surface(
+            self.graph.full, self.labels, lambda i: extent.within(i, extent.view_regions(i)), voters, self.all_prompts,
+            options,
+        )  # fmt: skip
+        for labels, piece in zip(self.labels, pieces, strict=True):
+            labels[piece] = BUILDING
 
     def _correct_view(
         self,

@@ -123,7 +123,7 @@ def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     scene, mask = make_scene(tmp_path, [VIEW]), around(mast) | hut
     labels, regions = [mask.astype(np.uint8)], [SimpleNamespace(labels=large_sky(mask).astype(np.int64))]
     graph = SimpleNamespace(
-        scene=scene, regions=regions, start=[0, 2], sky=np.array([0, 1]), plants=np.zeros(2), threads=1,
+        scene=scene, full=scene, regions=regions, start=[0, 2], sky=np.array([0, 1]), plants=np.zeros(2), threads=1,
         shape=SimpleNamespace(up=UP),
     )  # fmt: skip
     reporter = SimpleNamespace(progress=lambda share: None, check=lambda: None)

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find ignored pieces of masks that are the building itself: all photos ignore the same place of its surface.
+
+What stands before the building hides another place of it in each photo. A door in a colour of its own, which the masks
+take neither for building nor for background, is ignored by all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.algorithms import parameter
+from mgf_engine.masks.points import LabelMaps
+from mgf_engine.masks.prompts import Clicks, Prompts
+from mgf_engine.model.masks import IGNORE
+from mgf_engine.model.pixels import pixel_at
+from mgf_engine.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class IgnoredSurfaceOptions:
+    """Options of ignored pieces that are the building."""
+
+    photos: int = parameter(3, "Minimum number of photos that ignore a point on the surface, and none that does not",
+                            low=1)  # fmt: skip
+    points: int = parameter(5, "Minimum number of such points in a piece of a mask", low=1)
+
+
+def find_ignored_surface(
+    scene: Scene,
+    labels: LabelMaps,
+    on_surface: Callable[[int], NDArray[np.bool_]],
+    voters: Sequence[int],
+    prompts: Prompts,
+    options: IgnoredSurfaceOptions = IgnoredSurfaceOptions(),
+) -> list[NDArray[np.bool_]]:
+    """Find the ignored pieces of all masks that are the building, bool [H, W] each.
+
+    Args:
+        scene: tracks of the sparse points.
+        labels: label maps of all views, uint8 [H, W] each.
+        on_surface: tells which observations of a view lie on the building's surface or behind it, bool [N].
+        voters: views whose masks are good enough to vote.
+        prompts: clicks by view index; a piece with a click beside the building stays ignored.
+        options: fewest photos and points.
+    """
+    count = len(scene.points)
+    ignored, other = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    for index in voters:
+        here = scene.observations(index)
+        held = labels[index][pixel_at(labels[index].shape, scene.track_uv[here])] == IGNORE
+        if held.any():
+            held &= on_surface(index)
+        ignored += np.bincount(scene.track_point[here][held], minlength=count)
+        other += np.bincount(scene.track_point[here][~held], minlength=count)
+    points = (ignored >= options.photos) & (other == 0)
+    return [
+        _pieces(label, _seen(scene, index, points), prompts.get(index, Clicks()).negative, options.points)
+        for index, label in enumerate(labels)
+    ]
+
+
+def _seen(scene: Scene, index: int, points: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return where a view observes some of the points, bool [P]; working pixels [N, 2]."""
+    here = scene.observations(index)
+    return scene.track_uv[here][points[scene.track_point[here]]]
+
+
+def _pieces(
+    label: NDArray[np.uint8], seen: NDArray[np.float32], beside: NDArray[np.float64], least: int
+) -> NDArray[np.bool_]:
+    """Return the ignored pieces with at least so many pixels of ``seen`` [N, 2] and none of ``beside``, bool [H, W]."""
+    if len(seen) < least:
+        return np.zeros(label.shape, bool)
+    number, piece = cv2.connectedComponents((label == IGNORE).astype(np.uint8), connectivity=4)
+    held = np.bincount(np.asarray(piece)[pixel_at(label.shape, seen)], minlength=number) >= least
+    held[np.asarray(piece)[pixel_at(label.shape, beside)]] = held[0] = False
+    return np.asarray(held[piece], bool)
