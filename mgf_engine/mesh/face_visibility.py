@@ -123,7 +123,7 @@ def _counted(
     labels: Labels | None,
     show: Callable[[int, NDArray[np.float64]], tuple[NDArray[np.int32], FaceImage]],
 ) -> PixelCounts:
-    """Return the face_images, and how many pixels see each face.
+    """Return the face images, and how many pixels see each face.
 
     Args:
         show: (number of a view, corners of the mesh there) -> face that each pixel to be counted sees, int32 [H, W],

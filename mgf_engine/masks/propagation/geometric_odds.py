@@ -8,7 +8,7 @@ ground plane, stand on the building, or are disconnected from every click.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,8 +112,10 @@ class GeometricOdds:
         extent = self._extent(np.concatenate([keep, added]) & ~floaters, ground, others)
         tied = self._tied_to_building(keep, points, appearance, graph.clicked_regions(prompts))
         within = np.zeros(graph.point_count)
-        clicked = self._clicks_beyond(extent, prompts)
-        geometry = parallel_map(lambda i: self._geometry(extent, i, tied, clicked), views, graph.threads)
+        positive = [i for i, clicks in prompts.items() if len(clicks.positive)]
+        places = dict(parallel_map(lambda i: (i, extent.view_regions(i)), positive, graph.threads))
+        clicked = self._clicks_beyond(places, prompts)
+        geometry = parallel_map(lambda i: self._geometry(extent, i, places.get(i), tied, clicked), views, graph.threads)
         for index, (odds, first, inside) in zip(views, geometry, strict=True):
             part = slice(graph.start[index], graph.start[index + 1])
             region_odds[part] += odds
@@ -203,7 +205,7 @@ class GeometricOdds:
         return np.clip((tied - low) / (high - low), 0, 1)
 
     def _geometry(
-        self, extent: BuildingExtent, index: int, tied: Array, clicked: Array
+        self, extent: BuildingExtent, index: int, place: ViewRegions | None, tied: Array, clicked: Array
     ) -> tuple[Array, NDArray[np.bool_], NDArray[np.int64]]:
         """Return the log-odds of a view's regions [S], which meet the ground first [S], and which points it sees within
         [P].
@@ -211,10 +213,11 @@ class GeometricOdds:
         Args:
             extent: of the building.
             index: of the view.
+            place: the extent in this view; None computes it.
             tied: how likely regions belong to the building although no point of it is near, 0..1, [regions].
             clicked: places that were clicked beyond the building's points, normalised frame [N, 3].
         """
-        place = extent.view_regions(index)
+        place = extent.view_regions(index) if place is None else place
         sure = 1 - tied[self.graph.start[index] : self.graph.start[index + 1]]
         view = self.graph.scene.views[index]
         uv, _, inside = view.project_into_frame(clicked)
@@ -225,20 +228,24 @@ class GeometricOdds:
         seen = self.visibility.owner[self.graph.full.observations(index)][extent.within(index, place)]
         return odds, first, np.bincount(seen, minlength=len(self.graph.full.points))[: self.graph.point_count]
 
-    def _clicks_beyond(self, extent: BuildingExtent, prompts: Prompts) -> Array:
+    def _clicks_beyond(self, places: Mapping[int, ViewRegions], prompts: Prompts) -> Array:
         """Return where positive clicks lie that are well beyond the building's points, normalised frame [N, 3].
 
         They are taken to be as far from the camera as the building's surface next to them in the photo.
+
+        Args:
+            places: the extent in the views with positive clicks, by view index.
+            prompts: clicks by view index.
         """
-        places = [np.zeros((0, 3))]
-        for index, clicks in prompts.items():
-            view, place = self.graph.scene.views[index], extent.view_regions(index)
-            beyond = clicks.positive[self._beyond(place, view, clicks.positive)]
+        points = [np.zeros((0, 3))]
+        for index, place in places.items():
+            view, positive = self.graph.scene.views[index], prompts[index].positive
+            beyond = positive[self._beyond(place, view, positive)]
             surface = np.argwhere(np.isfinite(place.near))
             if len(beyond) and len(surface):
                 _, nearest = cKDTree(surface).query(np.stack(self._map_pixels(place, view, beyond), 1))
-                places.append(view.unproject(beyond, place.near[tuple(surface[nearest].T)]))
-        return np.concatenate(places)
+                points.append(view.unproject(beyond, place.near[tuple(surface[nearest].T)]))
+        return np.concatenate(points)
 
     def _beyond(self, place: ViewRegions, view: View, at: Array) -> NDArray[np.bool_]:
         """Tell which places in a photo, working pixels [N, 2], lie well beyond the building's points, [N]."""

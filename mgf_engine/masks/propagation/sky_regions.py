@@ -128,7 +128,7 @@ def _like_sky(
     like = distance(lab, enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
     near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > o.least_weight)
     clear = near & like & _joined(like & (near | sure), sure)
-    # A wall as bright as the sky behind it cannot be known from it: there the regions know better.
+    # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
     clear &= enlarge(((contrast > least) | ~known).astype(np.float32), mask.shape) > 0.5
     return near, like, clear
 

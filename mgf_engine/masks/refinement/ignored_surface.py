@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.points import LabelMaps
+from mgf_engine.masks.points import LabelMaps, observed_pixels
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.model.masks import IGNORE
 from mgf_engine.model.pixels import pixel_at
@@ -54,21 +54,17 @@ def find_ignored_surface(
     for index in voters:
         here = scene.observations(index)
         held = labels[index][pixel_at(labels[index].shape, scene.track_uv[here])] == IGNORE
-        if held.any():
-            held &= on_surface(index)
         ignored += np.bincount(scene.track_point[here][held], minlength=count)
         other += np.bincount(scene.track_point[here][~held], minlength=count)
     points = (ignored >= options.photos) & (other == 0)
+    for index in voters:
+        seen = scene.track_point[scene.observations(index)]
+        if points[seen].any():
+            points[seen[~on_surface(index)]] = False
     return [
-        _pieces(label, _seen(scene, index, points), prompts.get(index, Clicks()).negative, options.points)
+        _pieces(label, observed_pixels(scene, index, points), prompts.get(index, Clicks()).negative, options.points)
         for index, label in enumerate(labels)
     ]
-
-
-def _seen(scene: Scene, index: int, points: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return where a view observes some of the points, bool [P]; working pixels [N, 2]."""
-    here = scene.observations(index)
-    return scene.track_uv[here][points[scene.track_point[here]]]
 
 
 def _pieces(
