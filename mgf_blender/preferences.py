@@ -54,7 +54,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         items=[
             ("AUTO", "Automatic", "The CUDA build where an NVIDIA driver is found, else the CPU build"),
             ("CPU", "CPU", "The small build without GPU support"),
-            ("CUDA", "CUDA", "The large build for NVIDIA cards"),
+            ("CUDA", "CUDA", "The large build for NVIDIA GPUs"),
         ],
         default="AUTO",
     )
@@ -131,7 +131,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         row = layout.row(align=True)
         row.operator("mgf.check_engine", icon="CHECKMARK")
         if has_nvidia():
-            row.operator("mgf.check_card", icon="MEMORY")
+            row.operator("mgf.check_gpu", icon="MEMORY")
         row.operator("mgf.open_engine_log", text="", icon="TEXT")
         kind, task = operators.current()
         if task is None:
@@ -146,7 +146,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             return
         elif task.status in {FAILED, CANCELLED}:
             draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")
-        elif task.status == DONE and kind in {"card", "weights"}:
+        elif task.status == DONE and kind in {"gpu", "weights"}:
             draw_sentence(layout, task.output[-1], "CHECKMARK")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)

@@ -205,10 +205,10 @@ def _estimate_command(args: argparse.Namespace) -> int:
 
 def _doctor_command(args: argparse.Namespace) -> int:
     """Print whether everything that a job needs is installed; returns the exit code."""
-    if args.card:
-        from mgf_engine.field.cuda_check import check_card
+    if args.gpu:
+        from mgf_engine.field.cuda_check import check_gpu
 
-        return check_card()
+        return check_gpu()
     from mgf_engine.doctor import report
 
     return report(args.weights)

@@ -111,8 +111,9 @@ def _add_tools(mgf: Parser) -> None:
     _add_options(guess)
     doctor = mgf.add_command("doctor", help="show versions, kernel variant, device, memory and extras")
     doctor.add_argument(
-        "--card", action="store_true", help="compare the card with the CPU, in a minute; auto then uses it"
+        "--gpu", action="store_true", help="compare the GPU with the CPU, in a minute; auto then uses it"
     )
+    doctor.add_argument("--card", dest="gpu", action="store_true", help=argparse.SUPPRESS)  # the old name
     doctor.add_argument("--weights", type=path_of, metavar="FOLDER", help="folder of the EfficientSAM weights")
     options = mgf.add_command("options", help="list all options with default and meaning")
     options.add_argument("--algorithms", action="store_true", help="list the options of the algorithms instead")

@@ -79,8 +79,8 @@ def explain(
     if isinstance(error, OSError) and error.errno in _BAD_PATH:
         path = str(error.filename)[-60:]
         return EXIT_BAD_INPUT, f"Cannot use the path '{path}' ({error.strerror}); give another one."
-    if type(error).__name__ == "OutOfMemoryError":  # torch's, for cards
-        return EXIT_BAD_INPUT, "The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
+    if type(error).__name__ == "OutOfMemoryError":  # torch's, for GPUs
+        return EXIT_BAD_INPUT, "The GPU's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
     if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():
         remedy = "lower --resolution or --max-gaussians" if resumable else "close other programs or give smaller files"
         return EXIT_BAD_INPUT, f"Out of memory; {remedy} and {again}."

@@ -98,7 +98,7 @@ def prepare(config: Config, reporter: Reporter) -> None:
     """Set device, random seeds and thread counts for this process, so that a job is reproducible.
 
     Raises:
-        BadInput: CUDA is asked for, and no card can be used; or the kernels cannot be loaded.
+        BadInput: CUDA is asked for, and no GPU can be used; or the kernels cannot be loaded.
     """
     import cv2
     import torch

@@ -38,5 +38,5 @@ def test_texts_are_read_with_gaps_for_values() -> None:
     assert read("'The path {path!r} is {free:.1f} GB'") == f"The path {GAP} is {GAP} GB"
     assert read("'a' + b + 'c'") == f"a{GAP}c" and read("b") is None
     known = messages()
-    assert known["This machine has no NVIDIA driver; install one if it has an NVIDIA card."].endswith("driver.py")
+    assert known["This machine has no NVIDIA driver; install one if it has an NVIDIA GPU."].endswith("driver.py")
     assert any(text.startswith("The disk is full; free some space and") for text in known)

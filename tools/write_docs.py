@@ -126,7 +126,9 @@ def _commands() -> dict[str, tuple[Parser, str]]:
 
 def _rows(commands: dict[str, tuple[Parser, str]], name: str) -> list[str]:
     """The table rows of a command's own arguments; options of a job have tables of their own."""
-    actions = [a for a in commands[name][0].arguments if "--help" not in a.option_strings]
+    actions = [
+        a for a in commands[name][0].arguments if "--help" not in a.option_strings and a.help != argparse.SUPPRESS
+    ]
     helps = tuple(f.metadata["help"] for f in option_fields())
     own = [a for a in actions if not (a.help or "").startswith(helps)]
     return [f"| `{_cell(_usage(action))}` | {_cell(action.help or '')} |" for action in own]

@@ -137,15 +137,15 @@ class MGF_OT_check_engine(_EngineOperator):
         return _finish_in_background(self, task)
 
 
-class MGF_OT_check_card(_EngineOperator):
-    """Compare this machine's NVIDIA card with the CPU, in a minute; a card that passes is used from then on"""
+class MGF_OT_check_gpu(_EngineOperator):
+    """Compare this machine's NVIDIA GPU with the CPU, in a minute; a GPU that passes is used from then on"""
 
-    bl_idname = "mgf.check_card"
-    bl_label = "Check Card"
+    bl_idname = "mgf.check_gpu"
+    bl_label = "Check GPU"
 
     def run(self, context: bpy.types.Context) -> set[str]:
-        task = Task([Step(N_("Checking the card"), engine_command("doctor", "--card"))], log_path(), _explain_check)
-        begin("card", task)
+        task = Task([Step(N_("Checking the GPU"), engine_command("doctor", "--gpu"))], log_path(), _explain_check)
+        begin("gpu", task)
         return _finish_in_background(self, task)
 
 
@@ -268,7 +268,7 @@ def _explain_check(step: Step, lines: list[str]) -> str:
 
 
 CLASSES = (
-    MGF_OT_install_engine, MGF_OT_check_engine, MGF_OT_check_card, MGF_OT_download_weights, MGF_OT_cancel_engine_task,
+    MGF_OT_install_engine, MGF_OT_check_engine, MGF_OT_check_gpu, MGF_OT_download_weights, MGF_OT_cancel_engine_task,
     MGF_OT_remove_engine, MGF_OT_open_engine_log,
 )  # fmt: skip
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``mgf doctor --card``: forward, gradients and a short training on this machine's card against the CPU, in a minute.
+"""``mgf doctor --gpu``: forward, gradients and a short training on this machine's GPU against the CPU, in a minute.
 
-A card that passes is remembered, and ``--device auto`` takes it from then on; see ``docs/cuda.md``.
+A GPU that passes is remembered, and ``--device auto`` takes it from then on; see ``docs/cuda.md``.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ import torch
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT
 from mgf_engine.field import cuda_compare
 from mgf_engine.field.schedule import rates_at
-from mgf_engine.native.cuda.card import find_card
-from mgf_engine.native.cuda.checked_cards import approve, driver_version, withdraw
+from mgf_engine.native.cuda.checked_gpus import approve, driver_version, withdraw
+from mgf_engine.native.cuda.gpu import find_gpu
 
 GAUSSIANS, WIDTH, HEIGHT, ROUNDS = 20_000, 480, 320, 100
-#: Difference of the last loss on card and CPU, as a share of what the training took off the first.
+#: Difference of the last loss on GPU and CPU, as a share of what the training took off the first.
 TRAINING_LIMIT = 0.02
 
 
-def check_card() -> int:
-    """Check the card and print what was found; returns 0 if it passed and was remembered, else 1.
+def check_gpu() -> int:
+    """Check the GPU and print what was found; returns 0 if it passed and was remembered, else 1.
 
     Raises:
-        BadInput: there is no card that can be used.
+        BadInput: there is no GPU that can be used.
     """
-    found, started = find_card(), time.perf_counter()
-    print(f"Card: {found.name}, {found.memory / 2**30:.0f} GiB, driver {driver_version()}")
+    found, started = find_gpu(), time.perf_counter()
+    print(f"GPU: {found.name}, {found.memory / 2**30:.0f} GiB, driver {driver_version()}")
     try:
         failed = differences(GAUSSIANS, WIDTH, HEIGHT, ROUNDS)
     except RuntimeError as error:  # torch's and the driver's way to say that a kernel failed
@@ -37,15 +37,15 @@ def check_card() -> int:
     seconds = time.perf_counter() - started
     if failed:
         withdraw(found)
-        print(f"Problem: The card did not pass: {'; '.join(failed)}. '--device auto' keeps using the CPU.")
+        print(f"Problem: The GPU did not pass: {'; '.join(failed)}. '--device auto' keeps using the CPU.")
         return EXIT_FAULT
     approve(found)
-    print(f"The card passed in {seconds:.0f} s; '--device auto' uses it from now on.")
+    print(f"The GPU passed in {seconds:.0f} s; '--device auto' uses it from now on.")
     return EXIT_DONE
 
 
 def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
-    """Compare card and CPU and print every figure; returns the differences in words, none if all is well.
+    """Compare GPU and CPU and print every figure; returns the differences in words, none if all is well.
 
     Args:
         n: number of Gaussians.
@@ -68,7 +68,7 @@ def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
 
 
 def trained_apart(n: int, width: int, height: int, rounds: int) -> float:
-    """Measure the difference of the losses at the end of one training on the card and on the CPU, per loss taken off
+    """Measure the difference of the losses at the end of one training on the GPU and on the CPU, per loss taken off
     there.
 
     Args:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compare a rendering, its gradients and a short training on the card with the CPU kernels."""
+"""Compare a rendering, its gradients and a short training on the GPU with the CPU kernels."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def far(a: Tensor, b: Tensor) -> float:
 
 
 def compare(n: int, width: int, height: int) -> dict[str, float]:
-    """Measure the differences of a forward and backward pass on the card from the same on the CPU."""
+    """Measure the differences of a forward and backward pass on the GPU from the same on the CPU."""
     found: dict[str, float] = {}
     sides = [Training(n, width, height, torch.device(name)) for name in ("cpu", "cuda")]
     passes = [side.forward(wait=True) for side in sides]
@@ -75,7 +75,7 @@ def compare(n: int, width: int, height: int) -> dict[str, float]:
 
 
 def same_training(n: int, width: int, height: int) -> bool:
-    """Tell whether the card trains the same field twice, with the same iterations lost for lack of capacity."""
+    """Tell whether the GPU trains the same field twice, with the same iterations lost for lack of capacity."""
     capacity, found, lost = rasterizer_on("cuda").capacity, [], []
     for _ in range(2):
         capacity.restore()

@@ -56,7 +56,7 @@ def adam_step(
         visible: bool [N]; other rows and their moments stay as they are. None: all rows.
         active: number of leading columns of each row that are updated. None: all.
         backend: ``cpu``, ``cuda``, ``cuda-source-on-cpu`` or ``reference`` (plain torch). None: ``cuda`` for parameters
-            on a card, else ``cpu``.
+            on a GPU, else ``cpu``.
 
     Raises:
         ValueError: a tensor is not float32 or has another shape, or there are too many rates or not one for each

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Differentiable rendering of Gaussians on a chosen backend; the interface of the rasterizer.
 
-Backends: ``cpu`` (C kernels), ``cuda`` (CUDA kernels on a card), ``reference`` (plain float64 torch, slow, for tests)
+Backends: ``cpu`` (C kernels), ``cuda`` (CUDA kernels on a GPU), ``reference`` (plain float64 torch, slow, for tests)
 and ``cuda-source-on-cpu`` (the CUDA kernels built for the CPU, slow, for tests). All follow the same rules:
 
 - A Gaussian is drawn when its centre is deeper than ``camera.near``, its opacity is above 1/255 and its centre does
@@ -54,11 +54,11 @@ def render(
         camera: the camera.
         sh_degree: degree of the spherical harmonics in use, 0..3.
         tile_mask: [tiles_y, tiles_x] (``camera.tiles``); only tiles with a non-zero entry are drawn. None: all.
-        backend: one of :data:`BACKENDS`. None: ``cuda`` for Gaussians on a card, else ``cpu``.
+        backend: one of :data:`BACKENDS`. None: ``cuda`` for Gaussians on a GPU, else ``cpu``.
         stats: added to by the backward pass.
         error_map: float32 [H, W], per-pixel error that ``stats.error`` gathers; zero if not given.
         outputs: one of :data:`OUTPUTS`.
-        wait: on a card, whether to wait until it is known how much memory the lists of the tiles need. False, for
+        wait: on a GPU, whether to wait until it is known how much memory the lists of the tiles need. False, for
             training: earlier renderings tell; one that needs more draws nothing and has no gradients.
 
     Raises:

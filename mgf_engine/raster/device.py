@@ -34,9 +34,9 @@ class Choice:
     """The device that was chosen.
 
     Attributes:
-        device: ``cpu`` or the card.
+        device: ``cpu`` or the GPU.
         text: one sentence that says what was chosen and why.
-        surprising: the machine has a card that torch sees, and still it is not used.
+        surprising: the machine has a GPU that torch sees, and still it is not used.
     """
 
     device: torch.device
@@ -49,24 +49,24 @@ def choose_device(wanted: str) -> Choice:
     """Choose the device for ``--device auto``, ``cpu`` or ``cuda``; the same answer all through the process.
 
     Raises:
-        BadInput: ``cuda``, and no card can be used; one sentence says why.
+        BadInput: ``cuda``, and no GPU can be used; one sentence says why.
     """
     if wanted == "cpu":
         return Choice(torch.device("cpu"), "Device: CPU, as asked for.")
-    from mgf_engine.native.cuda.card import find_card
-    from mgf_engine.native.cuda.checked_cards import is_approved
+    from mgf_engine.native.cuda.checked_gpus import is_approved
+    from mgf_engine.native.cuda.gpu import find_gpu
 
     try:
-        found = find_card()
+        found = find_gpu()
     except BadInput as error:
         if wanted == "cuda":
-            raise BadInput(f"{error} Or train without a card: --device cpu.") from error
+            raise BadInput(f"{error} Or train without a GPU: --device cpu.") from error
         if not torch.cuda.is_available() and shutil.which("nvidia-smi") is None:  # nothing that one could mend
             return Choice(torch.device("cpu"), "Device: CPU; no NVIDIA driver was found.")
         return Choice(torch.device("cpu"), f"Device: CPU. {error}", torch.cuda.is_available())
     if wanted == "auto" and not is_approved(found):
         text = (
-            f"Device: CPU. Found the card {found.name}: run 'mgf doctor --card' (a minute) so that auto uses it, "
+            f"Device: CPU. Found the GPU {found.name}: run 'mgf doctor --gpu' (a minute) so that auto uses it, "
             "or use it unchecked by '--device cuda'."
         )
         return Choice(torch.device("cpu"), text, surprising=True)

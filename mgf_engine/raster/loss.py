@@ -30,7 +30,7 @@ from mgf_engine.raster.ms_ssim import ms_ssim
 
 @dataclass(frozen=True)
 class Terms:
-    """The total (scalar, differentiable) and its parts, already weighted: scalars on a card, elsewhere floats."""
+    """The total (scalar, differentiable) and its parts, already weighted: scalars on a GPU, elsewhere floats."""
 
     total: Tensor
     color: Tensor | float
@@ -57,7 +57,7 @@ def image_loss(
         camera: intrinsics of the whole frame.
         error: float32 [h, w], rows may be apart; receives the absolute colour error inside the box plus alpha on the
             background band.
-        backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for maps on a card, else ``cpu``.
+        backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for maps on a GPU, else ``cpu``.
 
     Raises:
         ValueError: the backend cannot read the maps' kind of memory.
@@ -101,7 +101,7 @@ class _ImageLoss(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
-        slope = slopes[0] if slopes[0].is_cuda else float(slopes[0])  # to read it would be to wait for the card
+        slope = slopes[0] if slopes[0].is_cuda else float(slopes[0])  # to read it would be to wait for the GPU
         scaled = (g if isinstance(slope, float) and slope == 1.0 else g * slope for g in ctx.gradients)
         return (*(None,) * 7, *scaled)
 

@@ -32,7 +32,7 @@ class Rendering:
     visible: Tensor
 
     def cpu(self) -> Rendering:
-        """Return the same in the CPU's memory; waits for the card."""
+        """Return the same in the CPU's memory; waits for the GPU."""
         there = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(self, **{name: value.cpu() for name, value in there.items() if value is not None})
 

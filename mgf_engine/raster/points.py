@@ -66,7 +66,7 @@ class PointOpacity:
 
     Args:
         gaussians: the field, normalised frame.
-        backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for Gaussians on a card, else ``cpu``.
+        backend: ``cpu``, ``cuda`` or ``cuda-source-on-cpu``. None: ``cuda`` for Gaussians on a GPU, else ``cpu``.
     """
 
     def __init__(self, gaussians: Gaussians, backend: str | None = None) -> None:

@@ -169,8 +169,8 @@ def main() -> int:
     """Play one job."""
     arguments = sys.argv[1:]
     mode = os.environ.get("FAKE_ENGINE", "ok")
-    if arguments == ["doctor", "--card"]:
-        print("Card: Card 9000\n" + ("Problem: The card did not pass." if mode == "bad" else "The card passed in 9 s."))
+    if arguments == ["doctor", "--gpu"]:
+        print("GPU: RTX 9000\n" + ("Problem: The GPU did not pass." if mode == "bad" else "The GPU passed in 9 s."))
         return int(mode == "bad")
     if arguments[0] == "doctor":
         print("mgf 9.9\n  torch     2.13.0\nEverything a job needs is here.")

@@ -118,8 +118,8 @@ def test_running_waiting_and_cancelled(addon, engine, house, marked):
     [
         ("The disk of '/a b' is full; free some space and run again with --resume.",
          "The disk of '/a b' is full; free some space and press Resume."),
-        ("The card's memory is full; lower --resolution or --max-gaussians, or use --device cpu.",
-         "The card's memory is full; lower Resolution or Max Gaussians, or use Device cpu."),
+        ("The GPU's memory is full; lower --resolution or --max-gaussians, or use --device cpu.",
+         "The GPU's memory is full; lower Resolution or Max Gaussians, or use Device cpu."),
         ("There are no clicks on the building; give --prompts FILE, or --masks FOLDER with your own masks.",
          "There are no clicks on the building; give points, or Own Masks with your own masks."),
         ("Out of memory; lower --resolution or --max-gaussians and run again with --resume.",
@@ -293,11 +293,11 @@ def test_preferences(addon, engine, source, monkeypatch):
 
     monkeypatch.setattr(engine_operators, "_task", None)
     monkeypatch.setattr(preferences, "has_nvidia", lambda: True)
-    assert "Check Card" in said()
-    bpy.ops.mgf.check_card()
-    assert "The card passed in 9 s." in said()
+    assert "Check GPU" in said()
+    bpy.ops.mgf.check_gpu()
+    assert "The GPU passed in 9 s." in said()
     monkeypatch.setattr(preferences, "has_nvidia", lambda: False)
-    assert "Check Card" not in said()
+    assert "Check GPU" not in said()
     monkeypatch.setattr(engine_operators, "_task", None)
     assert "Check Engine" in said() and ("Install Engine" in said()) == (source == "MANAGED")
     assert ("Also Install" in said()) == (source == "MANAGED")

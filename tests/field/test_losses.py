@@ -18,7 +18,7 @@ from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.scene import View
 from mgf_engine.native import buffers, library
 from mgf_engine.native.buffers import lasting_array
-from mgf_engine.native.cuda.card import find_card
+from mgf_engine.native.cuda.gpu import find_gpu
 from mgf_engine.raster.api import Rendering
 
 MAPS = ("color", "alpha", "depth", "normal", "distortion")
@@ -93,10 +93,10 @@ def differentiate(loss, target, options, geometry, dtype, render, factor=1.0):
 
 @pytest.fixture(params=["on the CPU", "cuda"])
 def compare(request):
-    """Compares kernels with the reference: those that need no card, or those on the card."""
+    """Compares kernels with the reference: those that need no GPU, or those on the GPU."""
     if request.param == "cuda":
         try:
-            find_card()
+            find_gpu()
         except BadInput as error:
             pytest.skip(str(error))
     return partial(compare_backends, ("cuda",) if request.param == "cuda" else ("cpu", "cuda-source-on-cpu"))
@@ -108,12 +108,12 @@ def compare_backends(backends, target, options=OPTIONS, geometry=1.0, render=Non
     twin = differentiate(reference_losses.total_loss, target, options, geometry, torch.float64, render, factor)
     for backend in backends:
         loss = partial(total_loss, backend=backend)
-        seen = on_card(render) if backend == "cuda" else render
+        seen = on_gpu(render) if backend == "cuda" else render
         assert_agree(differentiate(loss, target, options, geometry, torch.float32, seen, factor), twin)
 
 
-def on_card(render, device="cuda"):
-    """The maps on the card, their rows as far apart as here."""
+def on_gpu(render, device="cuda"):
+    """The maps on the GPU, their rows as far apart as here."""
 
     def move(map):
         size = 1 + sum((n - 1) * step for n, step in zip(map.shape, map.stride(), strict=True))
@@ -259,7 +259,7 @@ def test_outside_of_mask_and_ring_has_no_gradient():
 
 def test_maps_are_moved_as_they_lie():
     seen = rendering(make(40, 60))
-    moved = on_card(seen, "cpu")
+    moved = on_gpu(seen, "cpu")
     for name in MAPS:
         there, here = getattr(moved, name), getattr(seen, name)
         assert torch.equal(there, here) and there.stride() == here.stride() and there.data_ptr() != here.data_ptr()

@@ -14,9 +14,9 @@ from support.jobs import finish, run_here, start
 from benchmarks.synthetic.house import House
 
 
-def test_a_card_that_cannot_be_used_is_refused_not_replaced(house: House, tmp_path: Path) -> None:
+def test_a_gpu_that_cannot_be_used_is_refused_not_replaced(house: House, tmp_path: Path) -> None:
     if torch.cuda.is_available():
-        pytest.skip("this machine has a card")
+        pytest.skip("this machine has a GPU")
     run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--device", "cuda")
     assert "--device cpu" in finish(run)[-1]["text"]
     assert run.returncode == 2

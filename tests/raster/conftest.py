@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 import torch
-from rendered import skip_without_card
+from rendered import skip_without_gpu
 
 from mgf_engine.native import library
 
@@ -35,7 +35,7 @@ def backend(request: pytest.FixtureRequest) -> Iterator[str]:
     name, _, variant = request.param.partition(":")
     if name == "cpu":
         library.use_variant(variant)
-    skip_without_card(name)
+    skip_without_gpu(name)
     yield name
     if name == "cpu":
         library.use_variant("")

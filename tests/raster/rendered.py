@@ -13,7 +13,7 @@ from torch import Tensor
 
 from mgf_engine.errors import BadInput
 from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.native.cuda.card import find_card
+from mgf_engine.native.cuda.gpu import find_gpu
 from mgf_engine.raster import reference
 from mgf_engine.raster.api import Camera, Rendering, RenderStats, render
 
@@ -105,11 +105,11 @@ def device_of(backend: str) -> torch.device:
     return torch.device("cuda", 0) if backend == "cuda" else torch.device("cpu")
 
 
-def skip_without_card(backend: str) -> None:
-    """Skips the running test where the backend is ``cuda`` and no card can be used; the reason says why."""
+def skip_without_gpu(backend: str) -> None:
+    """Skips the running test where the backend is ``cuda`` and no GPU can be used; the reason says why."""
     if backend == "cuda":
         try:
-            find_card()
+            find_gpu()
         except BadInput as error:
             pytest.skip(str(error))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CUDA sources compile for every architecture, with registers to spare; no card is needed for that."""
+"""The CUDA sources compile for every architecture, with registers to spare; no GPU is needed for that."""
 
 from __future__ import annotations
 

@@ -11,10 +11,10 @@ import pytest
 import torch
 from rendered import OUTPUTS, camera, gaussians, random_weights, run
 
-from mgf_engine.native.cuda import card
-from mgf_engine.native.cuda.card import Card, Found
+from mgf_engine.native.cuda import gpu
 from mgf_engine.native.cuda.driver import Driver
 from mgf_engine.native.cuda.emulated import SourceOnCpu
+from mgf_engine.native.cuda.gpu import Gpu, GpuLauncher
 from mgf_engine.native.cuda.launcher import THREADS
 from mgf_engine.raster.api import render
 from mgf_engine.raster.cuda import blending, launcher_on
@@ -78,11 +78,11 @@ class EmulatedDriver:
 
 @pytest.fixture
 def emulated(monkeypatch: pytest.MonkeyPatch) -> EmulatedDriver:
-    """A card whose memory is the host's, put in the place of the CUDA sources' own launcher."""
+    """A GPU whose memory is the host's, put in the place of the CUDA sources' own launcher."""
     library = EmulatedDriver()
-    monkeypatch.setattr(card, "find_card", lambda: Found("Card of paper", 90, 2**30))
-    monkeypatch.setattr(card, "driver", lambda: Driver(library))
-    monkeypatch.setattr(card, "cubin", lambda program, architecture: f"{program} {architecture}".encode())
+    monkeypatch.setattr(gpu, "find_gpu", lambda: Gpu("GPU of paper", 90, 2**30))
+    monkeypatch.setattr(gpu, "driver", lambda: Driver(library))
+    monkeypatch.setattr(gpu, "cubin", lambda program, architecture: f"{program} {architecture}".encode())
     cpu, stream = torch.device("cpu"), SimpleNamespace(cuda_stream=STREAM)
 
     class Event:
@@ -98,12 +98,12 @@ def emulated(monkeypatch: pytest.MonkeyPatch) -> EmulatedDriver:
             assert library.events[self.number] != "made"
             library.events[self.number] = "waited for"
 
-    monkeypatch.setattr(card, "torch", SimpleNamespace(
+    monkeypatch.setattr(gpu, "torch", SimpleNamespace(
         device=lambda *place: cpu, zeros=torch.zeros,
         empty=lambda shape, dtype, pin_memory: torch.empty(shape, dtype=dtype),
         cuda=SimpleNamespace(current_stream=lambda device: stream, Event=Event),
     ))  # fmt: skip
-    rasterizer = blending.Rasterizer(Card())
+    rasterizer = blending.Rasterizer(GpuLauncher())
     monkeypatch.setattr("mgf_engine.raster.cuda.rasterizer_on", lambda backend: rasterizer)
     return library
 
@@ -114,7 +114,7 @@ def test_a_rendering_through_the_driver_is_that_of_the_sources(emulated: Emulate
     through = run(field, view, "cuda-source-on-cpu", weights, torch.ones(40, 48), sh_degree=1)
     started = list(emulated.started)
     assert {"project", "radix_scatter", "list_fill", "blend_all", "project_backward"} <= set(started)
-    # Every program is compiled and loaded once, for the card's own architecture, whichever of its kernels is wanted.
+    # Every program is compiled and loaded once, for the GPU's own architecture, whichever of its kernels is wanted.
     assert len(emulated.modules) == len(set(emulated.modules)) and all(m.endswith(b" 90") for m in emulated.modules)
     again = run(field, view, "cuda-source-on-cpu", weights, torch.ones(40, 48), sh_degree=1)
     assert emulated.started[len(started) :] == started and len(emulated.modules) == len(set(emulated.modules))

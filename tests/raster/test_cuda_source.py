@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from rendered import OUTPUTS, Result, camera, gaussians, random_weights, run, skip_without_card
+from rendered import OUTPUTS, Result, camera, gaussians, random_weights, run, skip_without_gpu
 from support.tile_lists import check_lists
 
 from mgf_engine.model.gaussians import Gaussians
@@ -57,7 +57,7 @@ def test_order_of_threads_and_blocks_changes_no_bit(source: SourceOnCpu) -> None
 @pytest.mark.parametrize("bits", [3, 8, 13, 32])
 @pytest.mark.parametrize("where", [SOURCE, "backwards", "cuda"])
 def test_sort_is_stable(source: SourceOnCpu, n: int, bits: int, where: str) -> None:
-    skip_without_card(where)
+    skip_without_gpu(where)
     source.reverse = where == "backwards"
     rasterizer = rasterizer_on("cuda" if where == "cuda" else SOURCE)
     high = min(2**bits, 2**32) if bits < 32 else 2**32
@@ -72,7 +72,7 @@ def test_sort_is_stable(source: SourceOnCpu, n: int, bits: int, where: str) -> N
 
 @pytest.mark.parametrize("backend", [SOURCE, "cuda"])
 def test_sort_leaves_out_what_is_not_listed(backend: str) -> None:
-    skip_without_card(backend)
+    skip_without_gpu(backend)
     rasterizer = rasterizer_on(backend)
     keys = torch.arange(3000, 0, -1, dtype=torch.int32, device=rasterizer.launcher.device)
     listed = torch.tensor([1500], dtype=torch.int32, device=rasterizer.launcher.device)
@@ -135,7 +135,7 @@ def test_arguments_are_packed_as_the_kernels_read_them() -> None:
 
 
 @pytest.mark.parametrize("wrap", [lambda tensor: tensor, lambda tensor: (tensor, 1), lambda tensor: At(tensor, 0)])
-def test_a_tensor_of_another_card_is_refused(wrap: Callable[[Any], Any]) -> None:
+def test_a_tensor_of_another_gpu_is_refused(wrap: Callable[[Any], Any]) -> None:
     class Elsewhere:
         device = torch.device("cuda", 1)
 

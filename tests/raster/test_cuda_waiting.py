@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An iteration reads nothing back from the card: no operation of torch in it moves a number between host and device."""
+"""An iteration reads nothing back from the GPU: no operation of torch in it moves a number between host and device."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ READS = ("_local_scalar_dense", "is_nonzero", "nonzero", "equal", "masked_select
 
 
 class Watch(TorchDispatchMode):
-    """Notes operations on a card's tensors that read a value, or that copy a number of the host into one of them.
+    """Notes operations on a GPU's tensors that read a value, or that copy a number of the host into one of them.
 
-    ``x[0] = 0.0`` on a card is such a copy: the number becomes a tensor on the host, and a place of just its shape
+    ``x[0] = 0.0`` on a GPU is such a copy: the number becomes a tensor on the host, and a place of just its shape
     takes it with ``copy_``, which waits. ``x[:1] = 0.0`` fills, and does not.
     """
 

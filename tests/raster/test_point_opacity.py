@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from rendered import device_of, skip_without_card
+from rendered import device_of, skip_without_gpu
 
 from mgf_engine.errors import BadInput
 from mgf_engine.model.gaussians import Gaussians
@@ -66,7 +66,7 @@ FIELDS = {
 
 @pytest.fixture(params=["cpu", "cuda-source-on-cpu", "cuda"])
 def backend(request: pytest.FixtureRequest) -> str:
-    skip_without_card(request.param)
+    skip_without_gpu(request.param)
     return request.param
 
 

@@ -44,7 +44,7 @@ def test_capacity_is_not_known_for_a_new_size_of_frame() -> None:
 
 
 def test_only_answers_of_the_rendering_before_the_last_are_asked_for() -> None:
-    """Newer ones are never looked at, even if they have arrived: else capacities would depend on the card's pace."""
+    """Newer ones are never looked at, even if they have arrived: else capacities would depend on the GPU's pace."""
     capacity, asked = TileListCapacity(), []
 
     def answer(number: int) -> Callable[[], list[int]]:

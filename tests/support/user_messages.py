@@ -15,7 +15,7 @@ _SAYING, _SENTENCES = {"BadInput", "UnreadablePhoto", "UserError", "warning", "w
 #: Functions that make sentences for somebody else to say.
 _MAKING = {"describe_misfits", "low_texture_warning", "missing_text", "sentences", "_ignored_text",
            "_used_text", "_missed_text", "weak_surface", "renamed_values", "choose_device", "poor_photos",
-           "shortage", "diagnose", "check_card", "_misfit_text", "_outside_text", "_far_text",
+           "shortage", "diagnose", "check_gpu", "_misfit_text", "_outside_text", "_far_text",
            "_wrong_mark_text", "wrong_marks", "_mistake", "unseen_text", "veto_text"}  # fmt: skip
 #: A file whose every sentence is said.
 _ALL_SAID = ROOT / "mgf_engine" / "errors.py"

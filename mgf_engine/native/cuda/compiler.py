@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compiles the CUDA sources for a card with NVRTC, the compiler as a library; no card is needed to compile.
+"""Compiles the CUDA sources for a GPU with NVRTC, the compiler as a library; no GPU is needed to compile.
 
 ``python -m mgf_engine.native.cuda.compiler`` compiles everything for every architecture of :data:`ARCHITECTURES` and
 prints how many registers each kernel takes and what spills into memory.
@@ -251,7 +251,7 @@ def usage_table(results: dict[tuple[str, int], Compiled]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="Compile the CUDA kernels for every architecture; needs no card.")
+    parser = argparse.ArgumentParser(description="Compile the CUDA kernels for every architecture; needs no GPU.")
     parser.add_argument("--architectures", type=int, nargs="+", default=list(ARCHITECTURES), help="such as 89")
     given = parser.parse_args(arguments)
     try:

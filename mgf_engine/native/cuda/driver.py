@@ -19,7 +19,7 @@ class DriverError(RuntimeError):
 
 
 class Driver:
-    """The driver's library. Calls need a current context, which torch makes on first use of a card."""
+    """The driver's library. Calls need a current context, which torch makes on first use of a GPU."""
 
     def __init__(self, library: Any) -> None:
         self._library = library
@@ -71,14 +71,14 @@ class Driver:
         """Call a function of the driver.
 
         Raises:
-            MemoryError: the card has too little memory.
+            MemoryError: the GPU has too little memory.
             DriverError: anything else, in the driver's own words.
         """
         code = getattr(self._library, name)(*arguments)
         if code == 0:
             return
         if code == _OUT_OF_MEMORY:
-            raise MemoryError(f"The card has too little memory ({name}).")
+            raise MemoryError(f"The GPU has too little memory ({name}).")
         raise DriverError(f"{name} failed: {self._words(code)}")
 
     def _words(self, code: int) -> str:
@@ -92,7 +92,7 @@ def driver() -> Driver:
     """Return the driver, loaded once.
 
     Raises:
-        BadInput: there is no NVIDIA driver, or it finds no card.
+        BadInput: there is no NVIDIA driver, or it finds no GPU.
     """
     for name in _NAMES.get(sys.platform, ("libcuda.so.1",)):
         try:
@@ -101,4 +101,4 @@ def driver() -> Driver:
             continue
         except DriverError as error:
             raise BadInput(f"The NVIDIA driver cannot be used: {error}.") from error
-    raise BadInput("This machine has no NVIDIA driver; install one if it has an NVIDIA card.")
+    raise BadInput("This machine has no NVIDIA driver; install one if it has an NVIDIA GPU.")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CUDA sources built as C++ and run on the CPU, for tests on machines without a card.
+"""The CUDA sources built as C++ and run on the CPU, for tests on machines without a GPU.
 
 One processor thread plays the threads of a block one after the other (``csrc/cuda/block.cuh``), and one launch runs
 at a time, as on a stream. It shows that the sources compute the right numbers, and, run backwards (``reverse``), that

@@ -83,6 +83,6 @@ def _address(value: Tensor | At | None, device: torch.device) -> int:
         _address(value.tensor[:0].contiguous(), device)
         return value.tensor.data_ptr() + value.offset * value.tensor.element_size()
     tensor = value
-    if tensor.device != device or not tensor.is_contiguous():  # of two cards, each has its own memory
+    if tensor.device != device or not tensor.is_contiguous():  # of two GPUs, each has its own memory
         raise ValueError(f"a kernel on {device} was given a tensor on {tensor.device} that it cannot read")
     return tensor.data_ptr()

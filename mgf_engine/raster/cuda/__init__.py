@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CUDA rasterizer: one set of sources, compiled at run time for the card, and as C++ for tests without one."""
+"""The CUDA rasterizer: one set of sources, compiled at run time for the GPU, and as C++ for tests without one."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from mgf_engine.raster.cuda.blending import Rasterizer
 
 @cache
 def launcher_on(backend: str) -> Launcher:
-    """Return the launcher of the kernels: backend ``cuda`` on the card, ``cuda-source-on-cpu`` on the CPU.
+    """Return the launcher of the kernels: backend ``cuda`` on the GPU, ``cuda-source-on-cpu`` on the CPU.
 
     Raises:
-        BadInput: ``cuda``, and there is no card, driver or compiler to use; the sentence says which.
+        BadInput: ``cuda``, and there is no GPU, driver or compiler to use; the sentence says which.
     """
     if backend == "cuda":
-        from mgf_engine.native.cuda.card import Card
+        from mgf_engine.native.cuda.gpu import GpuLauncher
 
-        return Card()
+        return GpuLauncher()
     from mgf_engine.native.cuda.emulated import SourceOnCpu
 
     return SourceOnCpu()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The training loss on a card: the counterpart of the kernels behind :mod:`mgf_engine.raster.loss`, which calls this.
+"""The training loss on a GPU: the counterpart of the kernels behind :mod:`mgf_engine.raster.loss`, which calls this.
 
 Everything stays on the device: the pooled similarities become slopes there, and the terms are tensors that nobody
 waits for.

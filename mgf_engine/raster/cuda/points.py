@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Opacity of points in space on a card: the counterpart of the kernels behind :mod:`mgf_engine.raster.points`."""
+"""Opacity of points in space on a GPU: the counterpart of the kernels behind :mod:`mgf_engine.raster.points`."""
 
 from __future__ import annotations
 

@@ -376,12 +376,12 @@ def test_check_engine(addon, engine, monkeypatch, tmp_path):
         bpy.ops.mgf.check_engine()
 
 
-def test_check_card(addon, engine):
-    assert bpy.ops.mgf.check_card() == {"FINISHED"}
-    assert operators.current()[1].output[-1] == "The card passed in 9 s."
+def test_check_gpu(addon, engine):
+    assert bpy.ops.mgf.check_gpu() == {"FINISHED"}
+    assert operators.current()[1].output[-1] == "The GPU passed in 9 s."
     engine("bad")
-    with pytest.raises(RuntimeError, match=r"^Error: The card did not pass\."):
-        bpy.ops.mgf.check_card()
+    with pytest.raises(RuntimeError, match=r"^Error: The GPU did not pass\."):
+        bpy.ops.mgf.check_gpu()
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// One text, two builds: CUDA for a card, and plain C++ in which one processor thread plays a whole block.
+// One text, two builds: CUDA for a GPU, and plain C++ in which one processor thread plays a whole block.
 //
 // Every kernel runs in blocks of 256 threads and is written in *phases*, stretches between two barriers:
 //
@@ -8,11 +8,11 @@
 //                         between LANES the collectives below may be called; a block barrier follows the whole
 //     EACH(i, n) { ... }  no barriers at all: every i in 0..n - 1, one thread each
 //
-// On a card a phase is its body followed by __syncthreads(). On the CPU it is a loop over the threads, one after the other: what a
+// On a GPU a phase is its body followed by __syncthreads(). On the CPU it is a loop over the threads, one after the other: what a
 // phase reads must have been written in an earlier one, and no two threads of a phase may write different values to one place.
 // To prove it, the CPU build can run all its loops backwards (mgf_reverse): the results must be the same bits.
 //
-// What a thread keeps from one phase to the next lives in an Own<T>: a register on the card, an array over the threads on the
+// What a thread keeps from one phase to the next lives in an Own<T>: a register on the GPU, an array over the threads on the
 // CPU; *own and own->member are the running thread's. `continue` ends a thread's share of a phase. Between phases control flow
 // must be the same for all threads: only shared memory, constants and kernel arguments may decide it. Shared memory that is
 // read there must not be written by the phase that follows, only by the one after: threads do not wait for each other

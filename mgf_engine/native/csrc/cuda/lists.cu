@@ -6,7 +6,7 @@
 // the slots by tile (sort.cu) then gives lists that are sorted by depth, without a depth in the keys.
 //
 // The lists hold `capacity` entries at most, which the host chose without knowing how many there are: asking would mean waiting for
-// the card in every iteration. A rendering that needs more draws nothing (tile_counts, lists and gradients are empty), leaves
+// the GPU in every iteration. A rendering that needs more draws nothing (tile_counts, lists and gradients are empty), leaves
 // the number it needs in total[0], and the host raises the capacity (raster/cuda/tile_list_capacity.py).
 //
 // How many entries a Gaussian has was counted by another program (project.cu, points.cu), and the compiler may round the same formula

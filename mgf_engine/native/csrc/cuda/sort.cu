@@ -5,7 +5,7 @@
 //   radix_rows     per digit, the running sum of those counts over the runs
 //   radix_scatter  every item to its place: digits before its own, runs before its own, then its rank within the run
 //
-// How many items there are may be known on the card alone: `listed` points at the number (null: all n), n is the capacity.
+// How many items there are may be known on the GPU alone: `listed` points at the number (null: all n), n is the capacity.
 // Ranks come from the votes of warps, not from atomics, so equal keys keep their order and the result is the same every time.
 #include "cuda/block.cuh"
 

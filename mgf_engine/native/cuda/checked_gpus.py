@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Record of the cards that have passed ``mgf doctor --card`` here: ``--device auto`` takes no other.
+"""Record of the GPUs that have passed ``mgf doctor --gpu`` here: ``--device auto`` takes no other.
 
-A pass counts for one card, one driver and one state of the kernels' sources; after a change of any it is made again.
+A pass counts for one GPU, one driver and one state of the kernels' sources; after a change of any it is made again.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import time
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
-from mgf_engine.native.cuda.card import Found, cache_folder
 from mgf_engine.native.cuda.driver import driver
+from mgf_engine.native.cuda.gpu import Gpu, cache_folder
 from mgf_engine.native.cuda.sources import digest
 from mgf_engine.system import write_json
 
 
 def record_file() -> Path:
     """Return where passes are remembered, as JSON: key -> when."""
-    return cache_folder().parent / "cards.json"
+    return cache_folder().parent / "gpus.json"
 
 
-def is_approved(found: Found) -> bool:
-    """Tell whether this very card has passed."""
+def is_approved(found: Gpu) -> bool:
+    """Tell whether this very GPU has passed."""
     return _key(found) in _passes()
 
 
-def approve(found: Found) -> None:
-    """Remember that the card has passed.
+def approve(found: Gpu) -> None:
+    """Remember that the GPU has passed.
 
     Raises:
         BadInput: the file cannot be written.
@@ -45,8 +45,8 @@ def approve(found: Found) -> None:
         ) from error
 
 
-def withdraw(found: Found) -> None:
-    """Forget an earlier pass of a card that fails now."""
+def withdraw(found: Gpu) -> None:
+    """Forget an earlier pass of a GPU that fails now."""
     passes = _passes()
     if passes.pop(_key(found), None) is not None:
         write_json(record_file(), passes)
@@ -64,7 +64,7 @@ def driver_version() -> str:
     return "CUDA {}.{}".format(*driver().version())
 
 
-def _key(found: Found) -> str:
+def _key(found: Gpu) -> str:
     return f"{found.name}, driver {driver_version()}, kernels {digest()[:16]}"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs the CUDA kernels on the card that torch uses: compiled on first use, kept on disk, started on torch's stream."""
+"""Runs the CUDA kernels on the GPU that torch uses: compiled on first use, kept on disk, started on torch's stream."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _OLDEST = 75  # compute capability 7.5: match_any, and what today's compilers st
 
 
 @dataclass(frozen=True)
-class Found:
-    """The card torch would use.
+class Gpu:
+    """The GPU torch would use.
 
     Attributes:
         name: its own name.
@@ -42,8 +42,8 @@ class Found:
 
 
 @cache
-def find_card() -> Found:
-    """Find the card, if kernels can be compiled for it and run on it.
+def find_gpu() -> Gpu:
+    """Find the GPU, if kernels can be compiled for it and run on it.
 
     Raises:
         BadInput: why not, in one sentence.
@@ -52,40 +52,40 @@ def find_card() -> Found:
         raise BadInput("This build of torch has no CUDA; install one that has (pytorch.org).")
     driver()
     if not torch.cuda.is_available():
-        raise BadInput("torch finds no CUDA card it can use; update the NVIDIA driver.")
+        raise BadInput("torch finds no GPU that CUDA can use; update the NVIDIA driver.")
     properties = torch.cuda.get_device_properties(0)
     architecture = 10 * properties.major + properties.minor
     if architecture < _OLDEST:
         raise BadInput(
-            f"The card {properties.name} is too old: its compute capability is "
+            f"The GPU {properties.name} is too old: its compute capability is "
             f"{properties.major}.{properties.minor}, and 7.5 is needed."
         )
     if architecture not in (nvrtc := compiler.library()).architectures:
         raise BadInput(nvrtc.refusal(architecture))
     _try_torch(properties.name)
-    return Found(properties.name, architecture, properties.total_memory)
+    return Gpu(properties.name, architecture, properties.total_memory)
 
 
 def _try_torch(name: str) -> None:
-    """Try an operation of torch: a build of it sees cards that it has no kernels for, and fails at the first
+    """Try an operation of torch: a build of it sees GPUs that it has no kernels for, and fails at the first
     operation."""
     try:
         found = float(torch.ones(2, device=torch.device("cuda", 0)).sum())
     except RuntimeError as error:
         why = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
         raise BadInput(
-            f"This build of torch cannot compute on the card {name} ({why}); "
-            "if it was made for other cards, install one that knows this one (pytorch.org)."
+            f"This build of torch cannot compute on the GPU {name} ({why}); "
+            "if it was made for other GPUs, install one that knows this one (pytorch.org)."
         ) from error
     if found != 2.0:
-        raise BadInput(f"The card {name} adds one and one to {found}; it or its driver is broken.")
+        raise BadInput(f"The GPU {name} adds one and one to {found}; it or its driver is broken.")
 
 
-class Card:
-    """Starts kernels on torch's current stream of the card; see :class:`mgf_engine.native.cuda.launcher.Launcher`."""
+class GpuLauncher:
+    """Starts kernels on torch's current stream of the GPU; see :class:`mgf_engine.native.cuda.launcher.Launcher`."""
 
     def __init__(self) -> None:
-        self.found = find_card()
+        self.found = find_gpu()
         self.device = torch.device("cuda", 0)
         torch.zeros(1, device=self.device)  # torch makes its context now
         self._driver: Driver = driver()

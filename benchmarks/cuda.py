@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks and times the CUDA rasterizer on the card of this machine, in one call of a few minutes.
+"""Checks and times the CUDA rasterizer on the GPU of this machine, in one call of a few minutes.
 
-``python -m benchmarks.cuda_card`` prints the card, compiles every kernel for it, compares a rendering, its gradients
+``python -m benchmarks.cuda`` prints the GPU, compiles every kernel for it, compares a rendering, its gradients
 and the training loss with the CPU kernels, renders and trains twice to see the same bits, runs whole iterations without
 waiting, and times them. ``--racecheck`` does the comparison again under every tool of compute-sanitizer where that is
 installed. Figures go to standard output as Markdown, or as JSON with ``--json``; the exit code is 1 when a check fails.
@@ -28,18 +28,18 @@ from mgf_engine.field.optimiser import TRAINED
 from mgf_engine.field.synthetic import corner_view
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.native.cuda import compiler
-from mgf_engine.native.cuda.card import find_card
+from mgf_engine.native.cuda.gpu import find_gpu
 from mgf_engine.native.cuda.sources import programs
 from mgf_engine.raster.api import Camera
 from mgf_engine.raster.cuda import rasterizer_on
 
 _TOOLS = ("racecheck", "memcheck", "initcheck", "synccheck")
 _TOOL_SECONDS = 500.0
-_BUSY = 200  # products of matrices of 4096 x 4096: about half a second on a data-centre card
+_BUSY = 200  # products of matrices of 4096 x 4096: about half a second on a data-centre GPU
 
 
 def same_bits(n: int, width: int, height: int) -> bool:
-    """Does the card give the same gradients twice?"""
+    """Does the GPU give the same gradients twice?"""
     found: list[Gaussians] = []
     for _ in range(2):
         side = Training(n, width, height, torch.device("cuda"))
@@ -82,8 +82,8 @@ def timings(n: int, width: int, height: int, rounds: int) -> dict[str, float]:
 def check_waiting(n: int, camera: Camera) -> bool:
     """Does an iteration never wait for what was queued before it, but for the rendering before the last one?
 
-    torch raises an error where one of its own operations would wait. The rest is seen on a card that is busy with
-    something long: the host must be through with an iteration before the card is through with that.
+    torch raises an error where one of its own operations would wait. The rest is seen on a GPU that is busy with
+    something long: the host must be through with an iteration before the GPU is through with that.
     """
     side = Training(n, camera.width, camera.height, torch.device("cuda"))
     for _ in range(5):
@@ -96,18 +96,18 @@ def check_waiting(n: int, camera: Camera) -> bool:
     try:
         side.iterate()
     except RuntimeError as error:
-        print(f"An iteration waits for the card: {error}", file=sys.stderr)
+        print(f"An iteration waits for the GPU: {error}", file=sys.stderr)
         return False
     finally:
         torch.cuda.set_sync_debug_mode("default")
     if before.query():
-        print("An iteration waits for the card: it ended after what was queued before it.", file=sys.stderr)
+        print("An iteration waits for the GPU: it ended after what was queued before it.", file=sys.stderr)
         return False
     return True
 
 
 def keep_busy() -> None:
-    """Queue something on the card that takes long."""
+    """Queue something on the GPU that takes long."""
     factor = torch.ones(4096, 4096, device="cuda")
     product = torch.empty_like(factor)
     for _ in range(_BUSY):
@@ -119,7 +119,7 @@ def sanitize(tool: str) -> str:
     sanitizer = shutil.which("compute-sanitizer")
     if sanitizer is None:
         return "compute-sanitizer is not installed"
-    command = [sys.executable, "-m", "benchmarks.cuda_card", "--only-compare", "--gaussians", "2000"]
+    command = [sys.executable, "-m", "benchmarks.cuda", "--only-compare", "--gaussians", "2000"]
     code, said = _run_for([sanitizer, "--tool", tool, *command], _TOOL_SECONDS)
     if code is None:
         return f"{tool} was stopped, since it took longer than {_TOOL_SECONDS:.0f} seconds; run it by itself"
@@ -163,12 +163,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     given = parser.parse_args(arguments)
     try:
-        found = find_card()
+        found = find_gpu()
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2
     width, height = (int(x) for x in given.size.split("x"))
-    figures: dict[str, Any] = {"card": vars(found)}
+    figures: dict[str, Any] = {"gpu": vars(found)}
     figures["differences from the CPU"] = compare(given.gaussians, width, height)
     failed = too_far(figures["differences from the CPU"])
     if not given.only_compare:
