@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Points, Surface
@@ -160,8 +160,12 @@ def _planes_through(points: Points, near: float, tries: int, rng: np.random.Gene
     """Return planes through three points each, half of them near each other: where they are and their normals, [T, 3]
     each."""
     first, second, third = rng.integers(0, len(points), (3, tries))
-    for row, around in enumerate(cKDTree(points).query_ball_point(points[first[: tries // 2]], near)):
-        second[row], third[row] = rng.choice(around, 2)
+    for start in range(0, tries // 2, 250):
+        part = slice(start, min(start + 250, tries // 2))
+        row, around = np.nonzero(cdist(points[first[part]], points, "sqeuclidean") <= near * near)
+        counts = np.bincount(row)  # each point is near itself
+        chosen = rng.integers(0, counts[:, None], (len(counts), 2)) + (np.cumsum(counts) - counts)[:, None]
+        second[part], third[part] = around[chosen].T
     normals = np.cross(points[second] - points[first], points[third] - points[first])
     length = np.linalg.norm(normals, axis=1)
     good = length > 0
