@@ -20,8 +20,8 @@ from ..results.surface import show
 from ..results.texture import check_picture, load_texture, read_uv
 from .files import COORDINATES, MESH, PICTURE, TERRAIN, TERRAIN_MESH, Building, Town
 
-#: On the collection of a town: its folder. On a building's object: its name, its job folder, and its light mesh while
-#: the full one is shown.
+#: On the collection of a town: its folder. On a building's object: its name, its job folder, and its simplified mesh
+#: while the full one is shown.
 TOWN_KEY, BUILDING_KEY, JOB_KEY, LIGHT_KEY = "mgf_town", "mgf_building", "mgf_building_job", "mgf_light"
 
 
@@ -118,7 +118,7 @@ def show_full(obj: bpy.types.Object) -> None:
     """Show the full mesh of a building, with its texture.
 
     Raises:
-        UserError: a file is gone or damaged; the light mesh then stays.
+        UserError: a file is gone or damaged; the simplified mesh then stays.
     """
     if obj.get(LIGHT_KEY) is not None:
         return
@@ -130,7 +130,7 @@ def show_full(obj: bpy.types.Object) -> None:
 
 
 def show_light(obj: bpy.types.Object) -> None:
-    """Show the light mesh of a building again; the full one is given up."""
+    """Show the simplified mesh of a building again; the full one is given up."""
     light = obj.get(LIGHT_KEY)
     if light is None:
         return

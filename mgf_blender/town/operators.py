@@ -59,10 +59,10 @@ class MGF_OT_show_full_building(_OnBuildings):
 
 
 class MGF_OT_show_light_building(_OnBuildings):
-    """Go back to the mesh with few faces for the selected buildings"""
+    """Go back to the simplified mesh of the selected buildings"""
 
     bl_idname = "mgf.show_light_building"
-    bl_label = "Show Light Mesh"
+    bl_label = "Show Simplified Mesh"
     bl_options = {"REGISTER", "UNDO"}
 
     def run(self, context: bpy.types.Context) -> None:

@@ -96,7 +96,7 @@ class BuildingExtent:
     def __init__(
         self,
         scene: Scene,
-        shape: PointFeatures,
+        features: PointFeatures,
         keep: Map,
         ground: GroundPlane | None,
         visibility: PointVisibility,
@@ -104,21 +104,21 @@ class BuildingExtent:
         options: ExtentOptions = ExtentOptions(),
     ) -> None:
         self.options = options
-        keep = shape.supported(keep)
+        keep = features.supported(keep)
         self.scene, self.keep, self.ground = scene, keep, ground
         self.visibility = visibility
         fine = self.options.fine * _map_pixel(scene, keep, self.options)
         columns = None
-        self.plan = GroundPlan.of(scene.points[keep], shape.up, options.plan) if keep.any() else None
+        self.plan = GroundPlan.of(scene.points[keep], features.up, options.plan) if keep.any() else None
         if keep.any():
-            spacing, walls_seen = float(np.median(shape.spacing[keep])), looking_down(scene, options.gravity) is None
-            over = Overhangs(scene.points[keep], shape.up, spacing, walls_seen, options.overhangs)
+            spacing, walls_seen = float(np.median(features.spacing[keep])), looking_down(scene, options.gravity) is None
+            over = Overhangs(scene.points[keep], features.up, spacing, walls_seen, options.overhangs)
             columns = Columns(over, ground)
-        self.columns = make_surface(scene, shape, keep, False, columns, fine, options.surface)
-        self.body = make_surface(scene, shape, keep, True, columns, fine, options.surface)
-        others = np.zeros(len(keep), bool) if others is None else shape.supported(others)
-        self.others = make_surface(scene, shape, others, True, None, fine, options.surface)
-        self.floor = ground or _lowest(scene, shape, keep)
+        self.columns = make_surface(scene, features, keep, False, columns, fine, options.surface)
+        self.body = make_surface(scene, features, keep, True, columns, fine, options.surface)
+        others = np.zeros(len(keep), bool) if others is None else features.supported(others)
+        self.others = make_surface(scene, features, others, True, None, fine, options.surface)
+        self.floor = ground or _lowest(scene, features, keep)
 
     def view_regions(self, index: int) -> ViewRegions:
         """Compute all maps of view ``index``."""
@@ -213,12 +213,12 @@ def map_size(view: View) -> tuple[int, int]:
     return max(1, round(view.height * factor)), max(1, round(view.width * factor))
 
 
-def _lowest(scene: Scene, shape: PointFeatures, keep: NDArray[np.bool_]) -> GroundPlane | None:
+def _lowest(scene: Scene, features: PointFeatures, keep: NDArray[np.bool_]) -> GroundPlane | None:
     """Return the level plane through the lowest kept points: no part of the building is seen below it."""
     if keep.sum() < 10:
         return None
-    level = float(np.percentile(scene.points[keep] @ shape.up, 0.5))
-    return GroundPlane(shape.up, level, float(np.median(shape.spacing[keep])))
+    level = float(np.percentile(scene.points[keep] @ features.up, 0.5))
+    return GroundPlane(features.up, level, float(np.median(features.spacing[keep])))
 
 
 def _convex_hull(mask: Map, share: float) -> Map:

@@ -55,16 +55,16 @@ class GroundPlane:
             depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
         return np.where(depth > 0, depth, np.inf)
 
-    def holds(self, scene: Scene, shape: PointFeatures) -> NDArray[np.float64]:
+    def holds(self, scene: Scene, features: PointFeatures) -> NDArray[np.float64]:
         """Rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""
         height = self.height(scene.points) / self.thickness
-        level = np.clip(2 * np.abs(shape.normals @ shape.up) - 0.6, 0, 1)
+        level = np.clip(2 * np.abs(features.normals @ features.up) - 0.6, 0, 1)
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)
 
 
 def find_ground(
     scene: Scene,
-    shape: PointFeatures,
+    features: PointFeatures,
     outside: NDArray[np.floating],
     seed: int,
     options: GroundPlaneOptions = GroundPlaneOptions(),
@@ -73,23 +73,23 @@ def find_ground(
 
     Args:
         scene: normalised frame.
-        shape: direction of "up", flatness and normals of its points.
+        features: direction of "up", flatness and normals of its points.
         outside: [P], 0..1, how likely each point is not the building; weighs the support.
         seed: of the planes that are tried.
         options: number of planes tried, their slope, and the support they need.
     """
-    upright = np.abs(shape.normals @ shape.up) * shape.flatness
+    upright = np.abs(features.normals @ features.up) * features.flatness
     weight = np.clip(outside, 0, 1) * np.clip(2 * upright - 0.6, 0, 1)
     pool = np.flatnonzero(weight > 0.05)
     if len(pool) < options.least_support:
         return None
     rng = np.random.default_rng(seed)
-    thickness = 0.6 * float(np.median(shape.spacing[pool]))
+    thickness = 0.6 * float(np.median(features.spacing[pool]))
     centres = np.stack([v.centre for v in scene.views])
     points, best, best_score = scene.points, None, 0.0
     share = weight[pool] / weight[pool].sum()
     for three in _draws(rng, share, options.trials):
-        plane = _through(points[pool[three]], shape.up, options)
+        plane = _through(points[pool[three]], features.up, options)
         if plane is None:
             continue
         score = _support(plane, points, weight, thickness, centres)

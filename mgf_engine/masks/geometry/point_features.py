@@ -134,7 +134,7 @@ def clicked_groups(
     points: NDArray[np.float64],
     keep: NDArray[np.bool_],
     clicked: NDArray[np.int64],
-    shape: PointFeatures,
+    features: PointFeatures,
     options: PointFeatureOptions = PointFeatureOptions(),
 ) -> NDArray[np.bool_]:
     """Find kept points that hang together with clicked ones: a building of the same brick across the street does not.
@@ -144,7 +144,7 @@ def clicked_groups(
     Args:
         points: [P, 3]; keep: [P].
         clicked: rows of the points that were clicked on.
-        shape: neighbours and spacing of the points.
+        features: neighbours and spacing of the points.
         options: the gap that parts two groups.
 
     Returns:
@@ -153,7 +153,7 @@ def clicked_groups(
     clicked = clicked[keep[clicked]]
     if not len(clicked):
         return keep
-    cell = options.group_gap * float(np.median(shape.spacing[keep]))
+    cell = options.group_gap * float(np.median(features.spacing[keep]))
     rows = np.flatnonzero(keep)
     cells, which = np.unique(np.floor(points[rows] / cell).astype(np.int64), axis=0, return_inverse=True)
     tree = cKDTree(cells)

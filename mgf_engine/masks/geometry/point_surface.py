@@ -117,7 +117,7 @@ class Columns:
 
 def make_surface(
     scene: Scene,
-    shape: PointFeatures,
+    features: PointFeatures,
     keep: Map,
     discs: bool,
     columns: Columns | None = None,
@@ -128,7 +128,7 @@ def make_surface(
 
     Args:
         scene: sparse points.
-        shape: spacing, flatness and height of the points.
+        features: spacing, flatness and height of the points.
         keep: bool [P], points of the building.
         discs: add a disc around each point whose neighbours are flat.
         columns: add what is below points; None: nothing.
@@ -137,34 +137,34 @@ def make_surface(
     """
     if not keep.any():
         return SampledSurface(np.zeros((0, 3)), np.zeros(0), 1.0, 1.0, options.splat)
-    usual = float(np.median(shape.spacing[keep]))
-    spacing = np.clip(shape.spacing, 0.5 * usual, 2 * usual)
+    usual = float(np.median(features.spacing[keep]))
+    spacing = np.clip(features.spacing, 0.5 * usual, 2 * usual)
     cell = max(options.cell * usual, coarse)
     owner = np.flatnonzero(keep)
     overhangs = None if columns is None else columns.overhangs
     if overhangs is not None:
-        owner = owner[~(overhangs(scene.points[owner]) & shape.astray[owner])]
+        owner = owner[~(overhangs(scene.points[owner]) & features.astray[owner])]
     samples = scene.points[owner]
     flat = owner if discs else owner[overhangs(samples)] if overhangs is not None else owner[:0]
     if len(flat):
-        wide, around = _discs(scene.points, spacing, shape, flat, options)
+        wide, around = _discs(scene.points, spacing, features, flat, options)
         samples, owner = _thin(np.concatenate([samples, wide]), np.concatenate([owner, around]), cell)
     if columns is not None:
-        top = _highest(samples, shape.up, cell)
+        top = _highest(samples, features.up, cell)
         top, ground = top[~columns.overhangs(samples[top])], columns.ground
-        height = np.maximum(ground.height(samples[top]), 0) if ground is not None else shape.height[owner[top]]
-        below, count = _columns(samples[top], height, shape.up, cell, options)
+        height = np.maximum(ground.height(samples[top]), 0) if ground is not None else features.height[owner[top]]
+        below, count = _columns(samples[top], height, features.up, cell, options)
         samples = np.concatenate([samples, below])
         samples, owner = _thin(samples, np.concatenate([owner, np.repeat(owner[top], count)]), cell)
     return SampledSurface(samples, spacing[owner], cell, options.cell * usual, options.splat)
 
 
 def _discs(
-    points: Points, spacing: Points, shape: PointFeatures, rows: NDArray[np.int64], options: SurfaceOptions
+    points: Points, spacing: Points, features: PointFeatures, rows: NDArray[np.int64], options: SurfaceOptions
 ) -> tuple[Points, NDArray[np.int64]]:
     """Sample a disc around each of these points where the surface is flat, and which point each belongs to."""
-    flat = rows[shape.flatness[rows] > options.flat]
-    normals = shape.normals[flat]
+    flat = rows[features.flatness[rows] > options.flat]
+    normals = features.normals[flat]
     helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
     first = np.cross(normals, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)

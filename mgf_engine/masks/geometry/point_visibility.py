@@ -40,12 +40,12 @@ class PointVisibility:
     def __init__(
         self,
         scene: Scene,
-        shape: PointFeatures,
+        features: PointFeatures,
         sparse: int | None = None,
         options: PointVisibilityOptions = PointVisibilityOptions(),
     ) -> None:
         self.options = options
-        self.scene, self.shape, self.owner = scene, shape, scene.track_point
+        self.scene, self.shape, self.owner = scene, features, scene.track_point
         self._tracked = np.arange(len(scene.points)) < (len(scene.points) if sparse is None else sparse)
         centres = np.stack([v.centre for v in scene.views])
         self._rays = scene.points[self.owner] - centres[scene.track_view]

@@ -30,7 +30,7 @@ class SuperstructureOptions:
 def find_superstructures(
     points: NDArray[np.float64],
     keep: NDArray[np.bool_],
-    shape: PointFeatures,
+    features: PointFeatures,
     options: SuperstructureOptions = SuperstructureOptions(),
 ) -> NDArray[np.bool_]:
     """Return points that stand on the building: above its ground plan and not low, bool [P].
@@ -38,13 +38,13 @@ def find_superstructures(
     Args:
         points: [P, 3].
         keep: points of the building, bool [P].
-        shape: direction of "up" and what is known of each point.
+        features: direction of "up" and what is known of each point.
         options: how high points must lie, and of the plan below them.
     """
-    keep = shape.supported(keep)
+    keep = features.supported(keep)
     if keep.sum() < _FEWEST:
         return np.zeros(len(points), bool)
-    axes, height = horizontal_axes(shape.up), points @ shape.up
+    axes, height = horizontal_axes(features.up), points @ features.up
     plan = (points @ axes.T)[keep]
     low, high = plan.min(0), plan.max(0)
     grid = PlanGrid(axes, low, max(float((high - low).max()) / options.side, 1e-9))

@@ -43,13 +43,13 @@ class LabelGraph:
         self,
         scene: Scene,
         regions: Sequence[Regions],
-        shape: PointFeatures,
+        features: PointFeatures,
         threads: int = 1,
         full: Scene | None = None,
         options: RandomWalkerOptions = RandomWalkerOptions(),
         sky: SkyOptions = SkyOptions(),
     ) -> None:
-        self.scene, self.regions, self.shape, self.options = scene, regions, shape, options
+        self.scene, self.regions, self.shape, self.options = scene, regions, features, options
         self.threads, self.full = threads, scene if full is None else full
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
@@ -58,10 +58,10 @@ class LabelGraph:
         self.observed, self.added_observed = np.split(self._observed_regions(), [len(scene.track_view)])
         self.added_count = len(self.full.points) - self.point_count
         self.added_owner = self.full.track_point[len(scene.track_view) :] - self.point_count
-        self.laplacian, self.degree = self._laplacian(shape)
+        self.laplacian, self.degree = self._laplacian(features)
         rows = np.repeat(np.arange(len(self.degree)), np.diff(self.laplacian.indptr))
         self._diagonal = np.flatnonzero(self.laplacian.indices == rows)  # of the matrix, in its data
-        self.point_features = self._point_features(shape)
+        self.point_features = self._point_features(features)
         self.sky = self._sky(sky)
         self.plants = np.concatenate(
             [vegetation_probability(self.features), vegetation_probability(self.point_features)]
@@ -135,7 +135,7 @@ class LabelGraph:
             result[here] = regions.at(self.full.track_uv[here]) + self.start[index]
         return result
 
-    def _laplacian(self, shape: PointFeatures) -> tuple[sparse.csr_matrix, Array]:
+    def _laplacian(self, features: PointFeatures) -> tuple[sparse.csr_matrix, Array]:
         first, second, weight = [], [], []
         for index, regions in enumerate(self.regions):
             mean_square = (regions.contrast**2 * regions.border).sum() / max(regions.border.sum(), 1e-9)
@@ -143,9 +143,12 @@ class LabelGraph:
             first.append(regions.pairs[:, 0] + self.start[index])
             second.append(regions.pairs[:, 1] + self.start[index])
             weight.append(regions.border / 8 * alike + 0.002)
-        first += [self.observed, shape.pairs[:, 0] + self.region_count]
-        second += [self.scene.track_point + self.region_count, shape.pairs[:, 1] + self.region_count]
-        weight += [np.full(len(self.observed), self.options.track_weight), self.options.space_weight * shape.closeness]
+        first += [self.observed, features.pairs[:, 0] + self.region_count]
+        second += [self.scene.track_point + self.region_count, features.pairs[:, 1] + self.region_count]
+        weight += [
+            np.full(len(self.observed), self.options.track_weight),
+            self.options.space_weight * features.closeness,
+        ]
         count = self.region_count + self.point_count
         ties = sparse.coo_matrix(
             (np.concatenate(weight), (np.concatenate(first), np.concatenate(second))), shape=(count, count)
@@ -154,13 +157,13 @@ class LabelGraph:
         degree = np.asarray(ties.sum(1)).ravel()
         return (sparse.diags(degree) - ties).tocsr(), degree
 
-    def _point_features(self, shape: PointFeatures) -> Array:
+    def _point_features(self, features: PointFeatures) -> Array:
         owner = self.scene.track_point
         mean = np.zeros((self.point_count, self.features.shape[1]))
         np.add.at(mean, owner, self.features[self.observed])
         mean /= np.maximum(np.diff(self.scene.track_start), 1)[:, None]
-        upright = np.abs(shape.normals @ shape.up)
-        return np.column_stack([mean, 6 * shape.flatness * upright, 4 * shape.flatness])
+        upright = np.abs(features.normals @ features.up)
+        return np.column_stack([mean, 6 * features.flatness * upright, 4 * features.flatness])
 
     def _sky(self, options: SkyOptions) -> NDArray[np.int64]:
         """Return the piece of sky of each node, 0 for none, [N]; numbers are shared by no two photos."""
