@@ -70,7 +70,7 @@ def test_a_damaged_result_is_named_and_made_again_by_the_next_run(finished, tmp_
 
 
 @pytest.mark.parametrize("stage", ["scene", "masks", "field", "mesh", "deliver"])
-def test_a_kill_in_any_stage_costs_nothing_but_time(house: House, finished, tmp_path: Path, stage: str) -> None:
+def test_a_kill_in_any_stage_costs_nothing_but_time(house: House, finished, tmp_path: Path, capsys, stage: str) -> None:
     """Killed in its first stage, a job makes everything anew in an empty folder: the same job gives the same mesh."""
     job = tmp_path / "job"
     if stage != "scene":
@@ -85,8 +85,8 @@ def test_a_kill_in_any_stage_costs_nothing_but_time(house: House, finished, tmp_
     time.sleep(0.3)
     run.send_signal(signal.SIGKILL)
     run.communicate()
-    messages = finish(start("reconstruct", "--out", job, "--resume"))
-    assert messages[-1]["type"] == "result", messages[-1]
+    code, messages = run_here(capsys, "reconstruct", "--out", job, "--resume")
+    assert code == 0 and messages[-1]["type"] == "result", messages[-1]
     assert (job / "mesh.ply").read_bytes() == (finished[0] / "mesh.ply").read_bytes()
 
 
