@@ -211,7 +211,7 @@ def test_doctor_remembers_a_gpu_that_passed_and_forgets_one_that_fails(
 
     with monkeypatch.context() as broken:
         broken.setattr(cuda_compare.Optimiser, "step", slow)
-        assert main(["doctor", "--gpu"]) == 1
+        assert main(["doctor", "--card"]) == 1  # the old name
     said = capsys.readouterr().out
     assert "Problem: The GPU did not pass: after 8 iterations" in said and not checked_gpus.is_approved(remembered)
 
