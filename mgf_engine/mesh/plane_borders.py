@@ -20,6 +20,9 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges
 
 Array = NDArray[np.float64]
+# Minimum share of a face's area before that makes it turned: one whose corners all lie on a crease has none, and so no
+# direction.
+_TURNED_AREA = 1e-6
 _STEPS_BACK = 4  # that a vertex goes back at most: by half its way each, the last one altogether
 
 
@@ -97,22 +100,24 @@ def fade_moves(
     return moves
 
 
-def undo_folds(mesh: Mesh, before: Array, at: Array) -> tuple[Array, NDArray[np.bool_]]:
+def undo_folds(mesh: Mesh, before: Array, at: Array, normals: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Move vertices back until no face is turned over: of each such face the one that went furthest, by half its way.
 
     Args:
         mesh: its faces.
         before: vertices before they were moved, [N, 3].
         at: vertices, [N, 3].
+        normals: unit vectors that the faces must not face away from, [F, 3].
 
     Returns:
         The vertices [N, 3], and which of them were not moved back, bool [N].
     """
     at, times = at.copy(), np.zeros(len(at), np.int64)
-    old, way = face_cross_products(before, mesh.faces), np.linalg.norm(at - before, axis=1)
+    size, way = np.linalg.norm(face_cross_products(before, mesh.faces), axis=1), np.linalg.norm(at - before, axis=1)
     check = np.flatnonzero((way > 0)[mesh.faces].any(1))
     while len(check):
-        turned = check[np.einsum("ij,ij->i", face_cross_products(at, mesh.faces[check]), old[check]) < 0]
+        facing = np.einsum("ij,ij->i", face_cross_products(at, mesh.faces[check]), normals[check])
+        turned = check[facing < -_TURNED_AREA * size[check]]
         corner = way[mesh.faces[turned]].argmax(1)
         back = np.unique(mesh.faces[turned, corner])
         back = back[way[back] > 0]
