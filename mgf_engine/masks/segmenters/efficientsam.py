@@ -159,15 +159,16 @@ def point_prompts(hints: Hints, attempt: int) -> Iterator[tuple[Points, NDArray[
 
 
 def sample_spread_points(points: Points, count: int, skip: int = 0) -> Points:
-    """Choose ``count`` of points [N, 2] by farthest-point sampling, starting nearest the median or ``skip`` places
-    on."""
+    """Choose ``count`` of points [N, 2] by farthest-point sampling that leaves out the farthest 3 % as outliers.
+
+    It starts at the point nearest to the median, or with ``skip`` that many sixteenths of the points farther away.
+    """
     if len(points) <= count and not skip:
         return points
     gap = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     chosen = [int(np.argsort(gap, kind="stable")[min(skip * max(1, len(points) // 16), len(points) - 1)])]
     gap = np.linalg.norm(points - points[chosen[0]], axis=1)
     while len(chosen) < min(count, len(points)):
-        # The farthest tenth are often outliers: take the nearest of them.
         chosen.append(int(np.argsort(gap, kind="stable")[int(0.97 * (len(points) - 1))]))
         gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return points[chosen]
