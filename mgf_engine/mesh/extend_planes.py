@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.geometry.normals import face_cross_products
+from mgf_engine.geometry.normals import face_cross_products, unit_vectors
 from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, Planes
@@ -89,8 +89,7 @@ def _face_normals(mesh: Mesh, flat: Array, planes: Planes, label: NDArray[np.int
 
     Faces of an overhanging dent face away from the plane that the dent goes into.
     """
-    cross, own = face_cross_products(flat, mesh.faces), label[mesh.faces]
-    result = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
+    result, own = unit_vectors(face_cross_products(flat, mesh.faces)), label[mesh.faces]
     inside = (own[:, 0] >= 0) & (own == own[:, :1]).all(1)
     result[inside] = planes.normals[own[inside, 0]]
     return result
