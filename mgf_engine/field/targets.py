@@ -34,6 +34,7 @@ class TargetOptions:
     masked_images: bool = job_option("masked_images")
     margin: float = job_option("mask_margin")
     boundary_weight: float = job_option("boundary_weight")
+    background_lambda: float = job_option("background_lambda")
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Pixels:
             elements (ids made consecutive), then one more on the margin: of background, or the rest of a whole photo.
         inside: float [h, w]; 1 on the building and its margin.
         edge_weight: float [h, w]; w of eq. 12, zero outside; 1 on the margin, which is no part of the building.
-        background_band: float [h, w]; 1 on certain background near the building.
+        background_band: float [h, w]; 1 on certain background near the building, which is kept empty.
     """
 
     photo: Tensor
@@ -154,7 +155,9 @@ def make_target(
         margin = margin_around(labels, options.margin * max(size), options.least_gap)
     inside = own | margin
     background_band = _band(inside, labels, max(2, options.background_band // factor))
-    box = _tile_box(inside | background_band)
+    box = _tile_box(inside | background_band)  # also without a background loss: windows of SSIM reach over the outline
+    if options.background_lambda == 0:
+        background_band[:] = False
     cut = (slice(*box[:2]), slice(*box[2:]))
     photo, labels, own, margin, background_band = photo[cut], labels[cut], own[cut], margin[cut], background_band[cut]
     compact, elements = _consecutive(labels, own)

@@ -19,8 +19,14 @@ def labels() -> np.ndarray:
     return result
 
 
-def target(labels: np.ndarray, photo: np.ndarray | None = None, margin: float = 0.05, masked: bool = True) -> Target:
-    """What a photo with these labels is compared with; the box is the whole frame."""
+def target(
+    labels: np.ndarray,
+    photo: np.ndarray | None = None,
+    margin: float = 0.05,
+    masked: bool = True,
+    background_lambda: float = 0.02,
+) -> Target:
+    """What a photo with these labels is compared with; the box begins at the frame's corner."""
     height, width = labels.shape
     view = View(
         name="a", file="a.jpg", width=width, height=height, fx=50.0, fy=50.0, cx=width / 2, cy=height / 2,
@@ -28,7 +34,8 @@ def target(labels: np.ndarray, photo: np.ndarray | None = None, margin: float = 
     )  # fmt: skip
     if photo is None:
         photo = np.full((height, width, 3), 128, np.uint8)
-    made = make_target(photo, labels, view, 1, TargetOptions(margin=margin, masked_images=masked))
+    options = TargetOptions(margin=margin, masked_images=masked, background_lambda=background_lambda)
+    made = make_target(photo, labels, view, 1, options)
     assert made is not None and made.box[0] == made.box[2] == 0
     return made
 
@@ -118,6 +125,18 @@ def test_whole_photos_are_trained_beside_the_same_masks() -> None:
     assert (pixels.edge_weight.numpy()[~building(labels())] == 1).all()
     assert np.array_equal(whole_photo.edges.numpy(), whole(whole_photo, masked.edges.numpy()))
     assert np.array_equal(whole_photo.label_weight.numpy(), masked.label_weight.numpy())
+
+
+def test_without_a_background_loss_no_rays_are_cast_beside_the_masks() -> None:
+    """Eq. 14: what lies outside of the masks is left out; tiles that hold a pixel of the building are rendered."""
+    with_loss, without = (target(labels(), margin=0.0, background_lambda=value) for value in (0.02, 0.0))
+    rendered = np.kron(without.tile_mask.numpy(), np.ones((16, 16), bool))[:40, :60]
+    assert with_loss.background_band.any() and not without.background_band.any()
+    assert with_loss.tile_mask.all() and rendered[building(labels())].all()
+    assert np.array_equal(without.tile_mask.numpy(), [[0, 1, 1, 0]] * 2 + [[0, 0, 0, 0]])
+    # The comparison is the same, also where windows of eq. 18 reach over the outline.
+    assert without.box == with_loss.box and np.array_equal(without.edges.numpy(), with_loss.edges.numpy())
+    assert np.array_equal(without.label_weight.numpy(), with_loss.label_weight.numpy())
 
 
 def test_every_id_taken() -> None:
