@@ -10,8 +10,10 @@ INSTALL := -m pip install -q --no-compile
 # One process a core, each with one thread for torch. Neighbouring tests share results that are dear to make, so each
 # process begins with a whole stretch of them and takes from the others' when it is done.
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
+# What waits for nothing else runs beside it: environments, kernels, style and types, tests of the engine and the add-on.
+MAKEFLAGS += --jobs=4
 
-.PHONY: env env-blender kernels readers test lint demo docs extension test-window clean
+.PHONY: env env-blender kernels readers test test-engine test-addon lint demo docs extension test-window clean
 
 env: $(VENV)/.ready
 env-blender: $(BPY)/.ready
@@ -40,10 +42,15 @@ lint: $(VENV)/.ready
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
 
-test: export OMP_NUM_THREADS := 1
-test: $(VENV)/.ready $(BPY)/.ready kernels lint
+test test-engine test-addon: export OMP_NUM_THREADS := 1
+test: lint test-engine test-addon
+
+test-engine: $(VENV)/.ready kernels
 	$(RUN) -m pytest $(PARALLEL) tests
-	$(BPY)/bin/python -m pytest $(PARALLEL) tests/blender
+
+# One process: beside the engine's tests it is done long before them, on two cores as on eight.
+test-addon: $(VENV)/.ready $(BPY)/.ready kernels
+	$(BPY)/bin/python -m pytest tests/blender
 
 demo: $(VENV)/.ready $(BPY)/.ready kernels
 	$(RUN) tools/demo.py --blender-python $(BPY)/bin/python --out $(DEMO) $(if $(SCENE),--scene "$(SCENE)") $(if $(PROMPTS),--prompts "$(PROMPTS)") $(ARGS)
