@@ -7,8 +7,9 @@ import json
 
 import pytest
 
+from mgf_engine.algorithm_table import ALGORITHMS
 from mgf_engine.algorithms import algorithm_default, is_algorithm_option
-from mgf_engine.config import as_dict, make_config, option_fields
+from mgf_engine.config import Config, as_dict, make_config, option_fields
 from mgf_engine.field.gradient_density import GradientOptions
 from mgf_engine.masks.propagation.propagate import PropagationOptions
 from mgf_engine.presets import PRESETS
@@ -99,6 +100,59 @@ ALGORITHMS_AS_PRINTED = {
     "gradient_densification.reset_opacity": 0.01,
     "learning_rates.opacity_logits": 5e-2,
 }
+#: Algorithms up to the mesh that act under the preset, and what they are there.
+ACTING = {
+    # 3.1.1, and checks of what is given
+    "structure_from_motion": "COLMAP", "scene_checks": "check", "photo_quality": "check",
+    # 3.1.2: from clicks on some photos to a mask of each; without EfficientSAM's weights the built-in segmenter
+    **dict.fromkeys(
+        (
+            "random_walker", "superpixels", "appearance", "sky", "mask_drawing", "building_extent", "ground_plan",
+            "superstructures", "point_visibility", "floaters", "silhouettes", "densify_points", "stereo",
+            "coarse_stereo", "neighbour_views", "gravity", "ground_plane", "point_features", "overhangs",
+            "point_surface",
+        ),
+        "what clicks say of all photos and points",
+    ),
+    "propagation": "root and child masks", "parts": "second level", "votes": "eq. 3 and 22",
+    **dict.fromkeys(
+        (
+            "prompt_outliers", "prompt_agreement", "mask_flags", "low_texture", "mask_coverage", "mask_hull",
+            "cross_view",
+        ),
+        "check",
+    ),
+    # 3.2
+    "start_points": "masked points", "initialisation": "first Gaussians", "targets": "eq. 12, 14 and 19",
+    "schedule": "eq. 20", "filter_3d": "GOF", "densification": "first and last round of the growth",
+    "gradient_densification": "3DGS, GOF", "learning_rates": "3DGS",
+    # 3.3
+    "tetrahedra": "GOF", "opacity": "eq. 23-25", "extraction": "all steps",
+    "vertex_colors": "colours alone", "mesh_parts": "names of faces alone",
+}  # fmt: skip
+#: Algorithms up to the mesh that do not act, and the option by which the preset sees to it.
+IDLE = {
+    "pose_adjustment": "pose_adjustment.adjust", "exposure": "even_exposure",
+    **dict.fromkeys(
+        (
+            "sky_holes", "ground_homography", "mirrored_ground", "mirrored_sky", "ignored_surface", "far_background",
+            "thin_structures", "homogeneous_regions", "foreground_leaves", "sky_silhouette",
+        ),
+        "propagation.finish",
+    ),
+    **dict.fromkeys(
+        (
+            "start_views", "start_outside", "start_lines", "start_planes", "start_stereo", "start_aliased",
+            "patch_match", "start_smoothing", "start_cut", "start_samples", "dense_points",
+        ),
+        "start",
+    ),
+    "photometric": "match_photos", "depth_smoothing": "match_photos", "prior": "start", "tsdf": "surface",
+    "visual_hull": "visual_hull", "mesh_refinement": "refine_rounds",
+    **dict.fromkeys(("planar", "relief", "patches", "plane_labels", "plane_extension", "plane_borders"), "flatten"),
+    "planar_clustering": "merge_flat", "mask_votes": "face_votes", "low_confidence_fill": "span_dents",
+    "unobserved_volumes": "drop_unseen", "component_filter": "drop_unseen", "mesh_border": "drop_unseen",
+}  # fmt: skip
 #: Options of the method's stages that decide nothing about it, or that the others leave idle.
 NO_MATTER = {
     "weights", "passes", "holdout_every", "max_gaussians", "max_faces", "color_error",
@@ -152,3 +206,15 @@ def test_every_option_of_the_method_is_accounted_for() -> None:
     assert sum(len(table) for table in known) == len(set().union(*known))
     assert names - set().union(*known) == set() and set().union(*known) <= {f.name for f in option_fields()}
     assert not set(PRESETS["paper"]) & NO_MATTER
+
+
+def test_every_algorithm_up_to_the_mesh_is_accounted_for() -> None:
+    """A new algorithm has to say whether it acts under the preset: add it to one of the tables."""
+    names = {a.section for a in ALGORITHMS if a.stage in ("scene", "masks", "field", "mesh")}
+    assert names == set(ACTING) | set(IDLE) and not set(ACTING) & set(IDLE)
+
+
+@pytest.mark.parametrize("option", sorted(set(IDLE.values())))
+def test_the_preset_switches_off_what_does_not_act(option: str) -> None:
+    default = algorithm_default(option) if is_algorithm_option(option) else getattr(Config(), option)
+    assert PRESETS["paper"][option] != default
