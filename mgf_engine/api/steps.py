@@ -42,7 +42,7 @@ def read_scene(
     >>> import mgf_engine as mgf
     >>> scene = mgf.read_scene("house", "work", resolution=160)
     >>> len(scene.views), scene.views[0].width, scene.points.shape[1]
-    (14, 160, 3)
+    (8, 160, 3)
 
     Args:
         source: folder of a COLMAP project, or of photos alone (cameras are then found by COLMAP).
