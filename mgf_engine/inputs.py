@@ -49,7 +49,7 @@ def read_inputs(
         tables: option -> path of a small file that it names.
 
     Raises:
-        BadInput: the model is damaged, a photo of it is not there, or a file cannot be read.
+        BadInput: the model is damaged, hardly a photo of it is there, or a file cannot be read.
     """
     if not source.is_dir():
         raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
@@ -73,7 +73,9 @@ def _scene(source: Path, job: Path) -> tuple[list[Any], list[str]]:
     names = photo_names(model)
     photos = find_photos(names, model, source, job)
     files = [[file.name, *_content(file)] for file in model_files(model)]
-    looked_at = [[n, _place(p, source), *_look(p)] for n, p in zip(names, photos, strict=True)]
+    looked_at = [
+        [n, _place(p, source), *(_look(p) if p.is_file() else ["missing"])] for n, p in zip(names, photos, strict=True)
+    ]
     return [_place(model, source), files, looked_at], [name.replace("\\", "/") for name in names]
 
 

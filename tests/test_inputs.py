@@ -7,9 +7,11 @@ import json
 from pathlib import Path
 
 import pytest
+from support.jobs import write_photo_folder
 
 from mgf_engine import memory, pipeline
 from mgf_engine.errors import BadInput
+from mgf_engine.inputs import read_inputs
 from mgf_engine.job import CLICKS, Job
 from mgf_engine.messages import Reporter
 from mgf_engine.stages import STAGE_NAMES, Stage, stage_named
@@ -72,6 +74,22 @@ def test_a_file_saved_beside_the_photos_costs_nothing(
 
     assert run(folder, {stage: save}) == list(STAGE_NAMES)
     assert run(folder) == []
+
+
+def test_a_photo_that_is_gone_changes_the_inputs_until_it_is_back(tmp_path: Path) -> None:
+    folder = write_photo_folder(tmp_path / "scene")
+    for name in ("b.jpg", "c.jpg", "d.jpg"):
+        (folder / "images" / name).write_bytes(b"y")
+    images = "".join(f"{k} 1 0 0 0 0 0 0 1 {name}.jpg\n\n" for k, name in enumerate("abcd", 1))
+    for name, text in {"cameras": CAMERAS, "images": images, "points3D": ""}.items():
+        (folder / f"{name}.txt").write_text(text)
+    photo, aside, job = folder / "images" / "b.jpg", tmp_path / "b.jpg", tmp_path / "job"
+    before = read_inputs(folder, None, None, job)
+    photo.rename(aside)
+    without = read_inputs(folder, None, None, job)
+    assert without.names == before.names and without.scene != before.scene
+    aside.rename(photo)
+    assert read_inputs(folder, None, None, job) == before
 
 
 @pytest.mark.parametrize("stage", STAGE_NAMES)

@@ -111,29 +111,37 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
         source: folder that the user gave.
         exclude: folder that is not searched, such as the job's.
 
+    Returns:
+        A path for each name; of a photo that is not there, where it was expected: it is then left out as one that
+        cannot be read (:mod:`mgf_engine.scene.unreadable`).
+
     Raises:
-        BadInput: a photo is not there, or two files fit equally well.
+        BadInput: hardly a photo is there, or two files fit one name equally well.
     """
     found: dict[str, Path] = {}
+    expected = source / "images"
     for place in _photo_places(model, source):
         here = {name: path for name in names if os.path.isfile(path := place / plain_name(name))}
-        found = here if len(here) > len(found) else found
+        if len(here) > len(found):
+            found, expected = here, place
         if len(found) == len(names):
             break
     missing = [name for name in names if name not in found]
+    doubtful = False
     if missing:
         index = _index(source, exclude)
         for name in list(missing):
             fits = _best_fits(plain_name(name), index)
+            doubtful |= len(fits) > 1
             if len(fits) == 1:
                 found[name] = fits[0]
                 missing.remove(name)
-    if missing:
+    if missing and (doubtful or len(found) < min(FEWEST, len(names))):
         raise BadInput(
             f"{len(missing)} of {len(names)} photos of the COLMAP model are not there (first: '{missing[0]}'); "
             f"put the photos into '{source / 'images'}', or take them out of the model (colmap image_deleter)."
         )
-    return [found[name] for name in names]
+    return [found[name] if name in found else expected / plain_name(name) for name in names]
 
 
 def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[str]]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Leave out photos that cannot be read, with one warning, if enough others are left."""
+"""Leave out photos that are missing or cannot be read, with one warning, if enough others are left."""
 
 from __future__ import annotations
 
@@ -51,6 +51,6 @@ def warn_of_unreadable(unreadable: Mapping[str, UnreadablePhoto], count: int, re
         names = [f"'{name}'" for name in unreadable]
         named = ", ".join(names[:_NAMED] + ["..."] * (len(names) > _NAMED))
         reporter.warning(
-            f"{len(names)} of {count} photos cannot be read and are left out ({named}); replace the files or export "
-            "the photos again, and run again."
+            f"{len(names)} of {count} photos are missing or cannot be read and are left out ({named}); put the "
+            "files back or export the photos again, and run again."
         )

@@ -44,6 +44,8 @@ def take_scene(job: Job, shared: Path) -> bool:
             return False
         model = read_model(model_folder)
         paths = find_photos([image.name for image in model.images], model_folder, job.source, job.folder)
+        if not all(path.is_file() for path in paths):
+            return False
         photos = plan_photos(model, paths, job.config.resolution, Reporter())
         scene = build_scene(model, photos, job.path("scene"), job.config)
     except BadInput:

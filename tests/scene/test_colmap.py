@@ -156,6 +156,17 @@ def test_photos_whose_names_are_whole_paths_are_looked_for_in_the_scene_alone(tm
         find_photos([str(elsewhere)], tmp_path / "scene" / "sparse", tmp_path / "scene")
 
 
+def test_a_missing_photo_is_expected_beside_the_others(tmp_path: Path) -> None:
+    names = [f"{k}.jpg" for k in range(4)]
+    for name in names[1:]:
+        write_photo(tmp_path / "photos" / name, np.zeros((8, 8, 3), np.uint8))
+    assert find_photos(names, tmp_path / "sparse", tmp_path) == [tmp_path / "photos" / name for name in names]
+    for folder in ("x/1", "x/2"):
+        write_photo(tmp_path / folder / "0.jpg", np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(BadInput, match="1 of 4 photos"):  # either may be the one
+        find_photos(names, tmp_path / "sparse", tmp_path)
+
+
 def test_missing_and_ambiguous_photos_are_refused(tmp_path: Path) -> None:
     model = tmp_path / "sparse"
     model.mkdir()

@@ -209,14 +209,9 @@ def _wrong_size(source: Path) -> None:
     write_photo(sorted((source / "images").iterdir())[2], np.zeros((100, 100, 3), np.uint8))
 
 
-def _no_photo(source: Path) -> None:
-    sorted((source / "images").iterdir())[2].unlink()
-
-
-def _photo_is_a_folder(source: Path) -> None:
-    path = sorted((source / "images").iterdir())[2]
-    path.unlink()
-    path.mkdir()
+def _three_gone(source: Path) -> None:
+    for path in sorted((source / "images").iterdir())[2:]:
+        path.unlink()
 
 
 def _half_model(source: Path) -> None:
@@ -233,8 +228,7 @@ def _all_gone(source: Path) -> None:
     ("spoil", "message"),
     [
         (_wrong_size, "100 x 100 pixels but its camera 160 x"),
-        (_no_photo, "1 of 5 photos"),
-        (_photo_is_a_folder, "1 of 5 photos"),
+        (_three_gone, "3 of 5 photos of the COLMAP model are not there"),
         (_half_model, "cut off or damaged"),
         (_all_gone, "no COLMAP model and too few photos"),
     ],
@@ -247,21 +241,31 @@ def test_bad_input_leaves_nothing(spoil: Callable[[Path], None], message: str, s
     assert not (tmp_path / "job" / "scene").exists()
 
 
-def damage(path: Path, keep: float = 0.0) -> str:
-    """Cut a file off, or write something else into it; returns its name."""
+def damage(path: Path, keep: float = 0.0) -> None:
+    """Cut a file off, or write something else into it."""
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * keep)] or b"no picture")
-    return path.name
+
+
+def _cut_off(path: Path) -> None:
+    damage(path, 0.75)
+
+
+def _make_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
 
 
 @pytest.mark.parametrize("damaged", [(2,), (0, 2)], ids=["one photo", "two photos"])
-@pytest.mark.parametrize("keep", [0.0, 0.75], ids=["no picture", "cut off"])
-def test_a_job_goes_on_without_damaged_photos(
-    source: Path, tmp_path: Path, keep: float, damaged: tuple[int, ...]
+@pytest.mark.parametrize("spoil", [damage, _cut_off, Path.unlink, _make_folder])
+def test_a_job_goes_on_without_missing_and_damaged_photos(
+    source: Path, tmp_path: Path, spoil: Callable[[Path], None], damaged: tuple[int, ...]
 ) -> None:
     paths = sorted((source / "images").iterdir())
     whole = load(source, tmp_path / "whole")
-    names = [damage(paths[i], keep) for i in damaged]
+    names = [paths[i].name for i in damaged]
+    for i in damaged:
+        spoil(paths[i])
     messages = Messages()
     scene = load(source, tmp_path / "job", messages)
     assert [view.name for view in scene.views] == [path.name for path in paths if path.name not in names]
@@ -270,7 +274,7 @@ def test_a_job_goes_on_without_damaged_photos(
     assert np.array_equal(scene.views[0].centre, next(v for v in whole.views if v.name == scene.views[0].name).centre)
     (warning,) = [text for text in messages.warnings if "cannot be read" in text]
     named = ", ".join(f"'{name}'" for name in names)
-    assert warning.startswith(f"{len(names)} of 5 photos cannot be read and are left out ({named}); replace")
+    assert warning.startswith(f"{len(names)} of 5 photos are missing or cannot be read and are left out ({named}); put")
     assert_same(scene, read_scene(scene.folder))
 
 
@@ -302,7 +306,7 @@ def test_photos_that_cannot_be_read_are_counted_and_the_first_is_named(
 
 def test_a_failure_takes_an_earlier_scene_away(source: Path, tmp_path: Path) -> None:
     load(source, tmp_path / "job")
-    _no_photo(source)
+    _three_gone(source)
     with pytest.raises(BadInput):
         load(source, tmp_path / "job")
     with pytest.raises(BadInput, match="cannot be used"):

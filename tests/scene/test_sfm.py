@@ -169,7 +169,8 @@ def test_damaged_photos_are_left_out(photos: Path, tmp_path: Path) -> None:
     scene = load(tmp_path / "photos", tmp_path / "job", messages)
     assert {"view 3.png", "view 5.png"} <= set(scene.left_out)
     (warning,) = [text for text in messages.warnings if "cannot be read" in text]
-    assert warning.startswith(f"2 of {VIEWS} photos cannot be read and are left out ('view 3.png', 'view 5.png')")
+    said = f"2 of {VIEWS} photos are missing or cannot be read and are left out ('view 3.png', 'view 5.png')"
+    assert warning.startswith(said)
 
 
 def test_pairs_of_a_sequence(tmp_path: Path) -> None:

@@ -44,7 +44,8 @@ def test_too_few_are_refused(damaged: int, count: int, text: str) -> None:
 def test_the_first_three_are_named(damaged: int, named: str) -> None:
     messages = Messages()
     warn_of_unreadable(lost(damaged), 300, messages.reporter)
-    assert messages.warnings[0].startswith(f"{damaged} of 300 photos cannot be read and are left out {named};")
+    said = f"{damaged} of 300 photos are missing or cannot be read and are left out {named};"
+    assert messages.warnings[0].startswith(said)
 
 
 def test_nothing_is_said_where_all_can_be_read() -> None:

@@ -17,9 +17,11 @@ from benchmarks.synthetic.street import PLACES, Street
 from mgf_engine.cli import main
 from mgf_engine.errors import EXIT_BAD_INPUT, explain
 from mgf_engine.geometry.mesh_files import write_ply
+from mgf_engine.job import Job
 from mgf_engine.system import write_json
 from mgf_engine.town.result import read_rows
 from mgf_engine.town.run import finish
+from mgf_engine.town.share import take_scene
 from mgf_engine.town.worker import DONE, STATUS, run_building, worth_retrying
 from mgf_engine.town.workflow import OptionalProducts
 
@@ -109,19 +111,39 @@ def test_a_disk_full_at_every_file_that_comes_back(
     assert any(".part.gpkg" in name for name in disk.failed)
 
 
-def test_a_photo_deleted_in_the_middle_is_named(planned: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_photos_deleted_in_the_middle_are_named(
+    planned: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All but two: fewer than a scene can be made of."""
     source, town = planned
-    photo = next(row for row in read_rows(town, running=False) if row["id"] == "right")["photos"][0]
-    kept = (source / "images" / photo).read_bytes()
-    (source / "images" / photo).unlink()
+    photos = sorted((source / "images").iterdir())
+    for photo in photos[2:]:
+        shutil.move(photo, tmp_path)
     folder = town / "buildings" / "right"
     assert run_building(folder, 1, 1) == EXIT_BAD_INPUT
     status = json.loads((folder / STATUS).read_text())
-    assert photo in status["text"] and status["state"] == "failed" and not worth_retrying(status)
+    gone = [name for name in next(row for row in read_rows(town, running=False) if row["id"] == "right")["photos"]
+            if not (source / "images" / name).exists()]  # fmt: skip
+    assert any(name in status["text"] for name in gone), status
+    assert status["state"] == "failed" and not worth_retrying(status)
     assert run_building(folder, 2, 1) == EXIT_BAD_INPUT  # Snakemake's second attempt
     assert json.loads((folder / STATUS).read_text())["attempt"] == 1
     capsys.readouterr()
     assert plan(source, town) == EXIT_BAD_INPUT
-    assert photo in capsys.readouterr().err.splitlines()[-1]
-    (source / "images" / photo).write_bytes(kept)
+    assert photos[2].name in capsys.readouterr().err.splitlines()[-1]
+    for photo in photos[2:]:
+        shutil.move(tmp_path / photo.name, photo)
     assert plan(source, town) == 0
+
+
+def test_a_building_does_not_take_the_towns_copy_of_a_photo_that_is_gone(planned: tuple[Path, Path]) -> None:
+    """Its own scene stage leaves the photo out and says so."""
+    source, town = planned
+    photo = source / "images" / next(row for row in read_rows(town, running=False) if row["id"] == "left")["photos"][0]
+    folder, kept = town / "buildings" / "left", photo.read_bytes()
+    photo.unlink()
+    with Job.start(folder / "taken", folder / "scene", None, user_options={"resolution": 120}) as job:
+        assert not take_scene(job, town / "scene" / "scene")
+    photo.write_bytes(kept)
+    with Job.start(folder / "taken", folder / "scene", None, user_options={"resolution": 120}) as job:
+        assert take_scene(job, town / "scene" / "scene")
