@@ -3,34 +3,41 @@
 
 from __future__ import annotations
 
+import functools
 import re
 
 from ..common import options
-from ..common.text import N_, look_up, tr
+from ..common.text import tr
+from .engine_sentences import FAILURES, WARNINGS
 
 #: In messages of the engine that refer to the picture of all masks.
 CONTACT_SHEET = "contact sheet"
-#: The most frequent failure, as :func:`in_panel_terms` returns it: listed here for the translations.
-_FAILURES = (N_("Out of memory; lower Resolution or Max Gaussians and press Reconstruct Building."),)
-#: Remarks of most drawings and models, likewise.
-_REMARKS = (
-    N_(
-        "The job has no true coordinates, so one unit of its scene is drawn as one metre; give Georeference control "
-        "points or scale bars for true lengths."
-    ),
-    N_(
-        "The job has no true coordinates, so one unit of its scene counts as one metre in its models; give "
-        "Georeference control points or scale bars for true lengths."
-    ),
-)
 
 
-def translate_failure(text: str) -> str:
-    """Return in the user's language why a job ended early; ``text`` from :func:`in_panel_terms`."""
-    full = re.fullmatch(r"The disk of '(.*)' is full; free some space and press Resume\.", text)
-    if full:
-        return tr("The disk of '{folder}' is full; free some space and press Resume.", folder=full[1])
-    return look_up(text)
+def translate_message(text: str) -> str:
+    """Return a message of the engine in the user's language, the values in it as they are.
+
+    Args:
+        text: from :func:`in_panel_terms`; one that no dictionary knows is returned as it is.
+    """
+    known = tr(text)
+    if known != text:
+        return known
+    for sentence, pattern in _patterns():
+        found = pattern.fullmatch(text)
+        if found:
+            return tr(sentence, **{name: translate_message(value) for name, value in found.groupdict().items()})
+    return text
+
+
+@functools.cache
+def _patterns() -> list[tuple[str, re.Pattern[str]]]:
+    """Return the sentences with values, each with what recognises it."""
+    return [
+        (text, re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.*?)", re.escape(text)), re.DOTALL))
+        for text in (*FAILURES, *WARNINGS)
+        if "{" in text
+    ]
 
 
 def in_panel_terms(text: str) -> str:
@@ -39,6 +46,8 @@ def in_panel_terms(text: str) -> str:
     text = re.sub(r"(?:run again with|add) --resume", f"press {button}", text)
     text = re.sub(r"run 'mgf georef'(?: again)?", "press Georeference Job", text)
     text = text.replace("give 'mgf georef'", "give Georeference")
+    text = text.replace("run 'mgf doctor --gpu'", "press Check GPU in the preferences")
+    text = re.sub(r"'(--[a-z-]+ \w+)'", r"\1", text)
     text = re.sub(
         r"(?:install with: |get it by )pip install 'mgf-engine\[survey\]'(?:, in (?:the engine's|its) environment)?",
         "tick Drawings and Map Coordinates in the preferences and press Install Engine, or in an environment of your "

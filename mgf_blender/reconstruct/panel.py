@@ -9,9 +9,9 @@ from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
 from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
-from ..common.text import CONTEXT, N_, draw_sentence, look_up, tr
+from ..common.text import CONTEXT, N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
-from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_failure
+from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_message
 from .estimate import duration, estimate, photos_of
 from .operators import interrupted, last_job
 from .start import has_job_file
@@ -164,7 +164,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         figures = {name: value for name, value in job.figures.items() if name != "start"}  # which the bar says
         draw_figures(box, dict(list(figures.items())[:6]))
     for text in job.warnings[-3:]:
-        draw_sentence(box, look_up(in_panel_terms(text)), "INFO")
+        draw_sentence(box, translate_message(in_panel_terms(text)), "INFO")
 
 
 def _draw_buttons(layout: bpy.types.UILayout, job: Job) -> None:
@@ -207,7 +207,7 @@ def _headline(job: Job) -> str:
 def _outcome(job: Job) -> str:
     """Return how a job ended."""
     if job.text or job.status != DONE:
-        return translate_failure(in_panel_terms(job.text)) if job.text else tr("Cancelled")
+        return translate_message(in_panel_terms(job.text)) if job.text else tr("Cancelled")
     return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=duration(job.seconds))
 
 

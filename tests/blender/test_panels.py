@@ -21,7 +21,7 @@ from mgf_blender.engine.task import Step, Task
 from mgf_blender.preferences import MGF_Preferences
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
-from mgf_blender.reconstruct import engine_messages, panel
+from mgf_blender.reconstruct import panel
 from mgf_blender.reconstruct.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct
 from mgf_blender.reconstruct.start import job_options, make_job
@@ -128,6 +128,10 @@ def test_running_waiting_and_cancelled(addon, engine, house, marked):
          "environment, or leave out --draco.",
          "Compressed levels of detail need DracoPy; tick Models in the preferences and press Install Engine, or switch "
          "Compress off; in an environment of your own: pip install 'mgf-engine[models]'."),
+        ("Device: CPU. Found the GPU X: run 'mgf doctor --gpu' (a minute) so that auto uses it, or use it unchecked by "
+         "'--device cuda'.",
+         "Device: CPU. Found the GPU X: press Check GPU in the preferences (a minute) so that auto uses it, or use it "
+         "unchecked by Device cuda."),
         ("A plain - and a -- stay.", "A plain - and a -- stay."),
     ],
 )  # fmt: skip
@@ -145,7 +149,7 @@ def test_sentences_of_the_engine_speak_of_the_panel(engine_says, panel_says):
 )  # fmt: skip
 def test_how_a_job_ended_is_said_in_the_users_language(engine_says, panel_says, monkeypatch):
     german = json.loads((Path(preferences.__file__).parent / "languages" / "de_DE.json").read_text(encoding="utf-8"))
-    monkeypatch.setattr(engine_messages, "look_up", lambda text: german.get(text, text))
+    monkeypatch.setattr(panel_text, "look_up", lambda text: german.get(text, text))
     assert panel._outcome(SimpleNamespace(text=engine_says, status="FAILED")) == german[panel_says] != panel_says
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import json
+import re
 import string
 import sys
 from types import SimpleNamespace
@@ -14,13 +15,15 @@ import bpy
 import pytest
 from conftest import REPO
 from layouts import draw
+from support.user_messages import GAP, messages
 
 from mgf_blender import preferences, properties, translations
 from mgf_blender.common import text as text_module
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.text import tr
 from mgf_blender.prompts import files
-from mgf_blender.reconstruct.engine_messages import in_panel_terms
+from mgf_blender.reconstruct import engine_sentences
+from mgf_blender.reconstruct.engine_messages import in_panel_terms, translate_message
 from mgf_blender.reconstruct.panel import MGF_PT_mark
 from mgf_blender.scene_import.panel import MGF_PT_scene
 
@@ -110,6 +113,50 @@ def test_remarks_on_lengths_name_what_the_job_lacks(command):
     assert "give Georeference control points or scale bars" in text
     german = translations.dictionary()["de_DE"][text_module.CONTEXT, text]
     assert german.startswith("Der Auftrag hat keine wahren Koordinaten")
+
+
+SAID = {
+    "3 masks are weak and left out ('a.jpg', 'b {c}.jpg', ...); look at the contact sheet.": (
+        "3 Masken sind schwach und bleiben weg ('a.jpg', 'b {c}.jpg', ...); den Kontaktbogen ansehen."
+    ),
+    "6 of 10 photos cannot be used, the first of them: The photo '/p/a.jpg' does not exist; replace the file or export "
+    "the photo again.": (
+        "6 von 10 Fotos sind unbrauchbar, das erste davon: Das Foto „/p/a.jpg“ gibt es nicht; die Datei ersetzen oder "
+        "das Foto neu exportieren."
+    ),
+    "The photo 'a.jpg' is 40 x 30 pixels but its camera 30 x 40, as if it was turned since; use the photos the COLMAP "
+    "model was made from.": (
+        "Das Foto „a.jpg“ hat 40 x 30 Pixel, seine Kamera 30 x 40, als wäre es seither gedreht worden; die Fotos "
+        "nehmen, aus denen das COLMAP-Modell entstand."
+    ),
+    "5% of the building has neither texture nor sparse points; the mesh is interpolated there. Closer photos, a higher "
+    "--resolution or slanting light would help.": (
+        "5% des Gebäudes haben weder Struktur noch Punkte; dort ist das Mesh interpoliert. Nähere Fotos, eine höhere "
+        "„Auflösung“ oder Streiflicht würden helfen."
+    ),
+    "Nobody has translated this; run again with --resume.": "Nobody has translated this; press Resume.",
+}
+
+
+@pytest.mark.parametrize("said", SAID)
+def test_messages_of_the_engine_are_shown_in_german_with_their_values(german, said):
+    assert translate_message(in_panel_terms(said)) == SAID[said]
+
+
+def test_translated_sentences_are_those_that_the_engine_says():
+    """Whoever changes a message of the engine is told here; words that a value brings may stand in ours."""
+    said = [in_panel_terms(text) for text, where in messages().items() if where.startswith("mgf_engine")]
+    patterns = [re.compile(".*".join(map(re.escape, text.split(GAP)))) for text in said]
+    for sentence in (*engine_sentences.FAILURES, *engine_sentences.WARNINGS):
+        ours = re.sub(r"\{\w+\}", GAP, sentence)
+        assert any(pattern.fullmatch(ours) for pattern in patterns), sentence
+
+
+def test_parts_of_sentences_are_those_that_the_engine_says():
+    sources = "".join(path.read_text(encoding="utf-8") for path in (REPO / "mgf_engine").rglob("*.py"))
+    kinds = "JPEG, PNG, TIFF, WebP or BMP"
+    for part in engine_sentences.PARTS:
+        assert part.replace(kinds, "{_KINDS}") in sources and kinds in sources, part
 
 
 def test_english_stays_english_and_unknown_texts_pass(addon):
