@@ -144,21 +144,21 @@ def remove_faces(
     return weld(clip_level(*_snap_to_cut(mesh, level, options.snap)))
 
 
-def _diffuse(mesh: Mesh, value: NDArray[np.float64], pixel: NDArray[np.float64], o: MeshBorderOptions
+def _diffuse(mesh: Mesh, value: NDArray[np.float64], pixel: NDArray[np.float64], options: MeshBorderOptions
               ) -> NDArray[np.float64]:  # fmt: skip
-    """Diffuse values [N] on the mesh by ``o.spread`` (standard deviation); values far from any change stay."""
+    """Diffuse values [N] on the mesh by ``options.spread`` (standard deviation); values far from any change stay."""
     mixed = (value > 0) & (value < 1)
     if not mixed.any():
         return value
     at = mesh.vertices
-    reach = _REACH * o.spread * pixel
+    reach = _REACH * options.spread * pixel
     away, _ = cKDTree(at[mixed]).query(at, distance_upper_bound=float(reach.max()))
     near = np.flatnonzero(away <= reach)
     place = np.full(len(at), -1)
     place[near] = np.arange(len(near))
     faces = place[mesh.faces[(place[mesh.faces] >= 0).all(1)]]
-    flow, area = _laplacian(at[near], faces, o)
-    time = 0.5 * (o.spread * pixel[near]) ** 2 / _STEPS
+    flow, area = _laplacian(at[near], faces, options)
+    time = 0.5 * (options.spread * pixel[near]) ** 2 / _STEPS
     solve = splu((sparse.diags(area) + sparse.diags(np.sqrt(time)) @ flow @ sparse.diags(np.sqrt(time))).tocsc())
     result = value.copy()
     for _ in range(_STEPS):
@@ -167,7 +167,7 @@ def _diffuse(mesh: Mesh, value: NDArray[np.float64], pixel: NDArray[np.float64],
 
 
 def _laplacian(
-    at: NDArray[np.float64], faces: NDArray[np.integer], o: MeshBorderOptions
+    at: NDArray[np.float64], faces: NDArray[np.integer], options: MeshBorderOptions
 ) -> tuple[sparse.csr_matrix, NDArray[np.float64]]:
     """Return the positive Laplacian by bounded cotangents, [N, N], and a third of the area around each vertex, [N]."""
     a, b, c = (at[faces[:, k]] for k in range(3))
@@ -177,7 +177,7 @@ def _laplacian(
         i, j, far = (faces[:, (k + s) % 3] for s in range(3))
         cotangent = np.einsum("ij,ij->i", at[i] - at[far], at[j] - at[far]) / doubled
         pairs.append(np.stack([i, j]))
-        amounts.append(0.5 * np.clip(cotangent, *o.weights))
+        amounts.append(0.5 * np.clip(cotangent, *options.weights))
     (i, j), amount = np.concatenate(pairs, 1), np.concatenate(amounts)
     count = len(at)
     weight = sparse.coo_matrix((np.r_[amount, amount], (np.r_[i, j], np.r_[j, i])), (count, count)).tocsr()

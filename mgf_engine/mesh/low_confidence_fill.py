@@ -81,7 +81,7 @@ def _dents_and_bags(
     membrane: NDArray[np.float64],
     moved: NDArray[np.int64],
     label: NDArray[np.int32],
-    o: LowConfidenceFillOptions,
+    options: LowConfidenceFillOptions,
 ) -> NDArray[np.bool_]:
     """Return which of the moved vertices, [M], are of patches that gain volume when spanned or shrink to a fraction."""
     patch = np.full(len(membrane), -1)
@@ -97,7 +97,7 @@ def _dents_and_bags(
         return tuple(np.bincount(of_face, amount, count).astype(np.float64) for amount in (area, volume))
 
     (area, volume), (membrane_area, membrane_volume) = area_and_volume(mesh.vertices), area_and_volume(membrane)
-    wrong: NDArray[np.bool_] = (membrane_volume > volume) | (area > o.bag * membrane_area)
+    wrong: NDArray[np.bool_] = (membrane_volume > volume) | (area > options.bag * membrane_area)
     return wrong[label]
 
 
@@ -133,17 +133,17 @@ def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
 
 
 def _find_patches(
-    mesh: Mesh, neighbours: sparse.csr_matrix, loose: NDArray[np.int64], o: LowConfidenceFillOptions
+    mesh: Mesh, neighbours: sparse.csr_matrix, loose: NDArray[np.int64], options: LowConfidenceFillOptions
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return those of these vertices whose patch is small and held by a rim, [M], and which patch that is, [M]."""
     count, label = connected_components(neighbours[loose][:, loose], directed=False)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, label, mesh.vertices[loose])
     np.maximum.at(high, label, mesh.vertices[loose])
-    small = np.linalg.norm(high - low, axis=1) <= o.largest * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    small = np.linalg.norm(high - low, axis=1) <= options.largest * np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     belongs = sparse.coo_matrix((np.ones(len(loose)), (label, loose)), (count, len(mesh.vertices))).tocsr()
     touched = (belongs @ neighbours).tocoo()
     on_rim = ~np.isin(touched.col, loose)
-    held = np.bincount(touched.row[on_rim], minlength=count) >= o.least_rim
+    held = np.bincount(touched.row[on_rim], minlength=count) >= options.least_rim
     good = (small & held)[label]
     return loose[good], label[good]

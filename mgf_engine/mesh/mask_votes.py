@@ -63,11 +63,11 @@ def cut_background(
     return with_faces(mesh, mesh.faces[left])
 
 
-def _shared(mesh: Mesh, count: NDArray[np.int32], o: MaskVoteOptions) -> NDArray[np.float64]:
+def _shared(mesh: Mesh, count: NDArray[np.int32], options: MaskVoteOptions) -> NDArray[np.float64]:
     """Average votes [F] over neighbouring faces."""
     around = np.maximum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)), 1)
     votes = count.astype(np.float64)
-    for _ in range(o.spread):
+    for _ in range(options.spread):
         of_vertex = np.bincount(mesh.faces.ravel(), np.repeat(votes, 3), len(mesh.vertices)) / around
         votes = of_vertex[mesh.faces].mean(1)
     return votes

@@ -155,15 +155,15 @@ def _sample(
     return patches
 
 
-def _correlate(patches: NDArray[np.float32], seen: NDArray[np.bool_], o: PatchOptions) -> tuple[Array, Array]:
+def _correlate(patches: NDArray[np.float32], seen: NDArray[np.bool_], options: PatchOptions) -> tuple[Array, Array]:
     """Return correlation and contrast of patches [M, K, P], see :func:`compare_patches`."""
     patches = patches - patches.mean(2, keepdims=True)
     variance = np.where(seen, (patches**2).mean(2), 0.0)
     product = np.einsum("mkp,mlp->mkl", patches, patches) / patches.shape[2]
     # noise**2 keeps noise from correlating; the mean variance (not the product) counts a difference in contrast
-    correlation = product / ((variance[:, :, None] + variance[:, None, :]) / 2 + o.noise**2)
+    correlation = product / ((variance[:, :, None] + variance[:, None, :]) / 2 + options.noise**2)
     both = seen[:, :, None] & seen[:, None, :] & ~np.eye(seen.shape[1], dtype=bool)
-    first = -np.sort(-np.where(both, correlation, -np.inf), axis=2)[:, :, : o.partners]
+    first = -np.sort(-np.where(both, correlation, -np.inf), axis=2)[:, :, : options.partners]
     known = np.isfinite(first)
     mean = np.where(known, first, 0.0).sum(2) / np.maximum(known.sum(2), 1)
     score = np.where(known.any(2), mean, -np.inf).max(1)

@@ -141,10 +141,10 @@ def find_planes(faces: MeshFaces, options: PlanarOptions) -> Planes:
     return Planes(normals, offsets, np.array([noise for _, noise in found]), label)
 
 
-def _seeds(faces: MeshFaces, o: PlanarOptions) -> list[NDArray[np.int64]]:
+def _seeds(faces: MeshFaces, options: PlanarOptions) -> list[NDArray[np.int64]]:
     """Group the faces by place and direction; return those of each group that a plane may begin in, the best of each
     coarse cell first."""
-    side = o.seed_side * float(np.median(faces.pixel))
+    side = options.seed_side * float(np.median(faces.pixel))
     local = np.floor((faces.centre - faces.centre.min(0)) / side)
     cell = morton(local.astype(np.int64)) if local.max() < 2**20 else morton(cells_of(faces.centre))
     axis = np.abs(faces.normal).argmax(1)
@@ -155,13 +155,13 @@ def _seeds(faces: MeshFaces, o: PlanarOptions) -> list[NDArray[np.int64]]:
     area = np.bincount(group, faces.area)
     mean = np.stack([np.bincount(group, faces.area * faces.normal[:, k]) for k in range(3)], 1)
     even = np.linalg.norm(mean, axis=1) / np.maximum(area, 1e-12)
-    fit = np.flatnonzero((area >= o.seed_area) & (even >= o.seed_even))
-    score = (even[fit] - o.seed_even) * np.minimum(area[fit], o.seed_side**2)
+    fit = np.flatnonzero((area >= options.seed_area) & (even >= options.seed_even))
+    score = (even[fit] - options.seed_even) * np.minimum(area[fit], options.seed_side**2)
     bound = np.r_[np.flatnonzero(new), len(order)]
     some = order[bound[fit]]  # a face of each
-    coarse = morton((local[some] // o.seed_coarse).astype(np.int64)) * 8 + direction[some]
+    coarse = morton((local[some] // options.seed_coarse).astype(np.int64)) * 8 + direction[some]
     best = fit[_by_turns(coarse, score)]
-    return [order[bound[g] : bound[g + 1]] for g in best[: o.tries]]
+    return [order[bound[g] : bound[g + 1]] for g in best[: options.tries]]
 
 
 def _by_turns(cell: NDArray[np.integer], score: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -179,62 +179,64 @@ def _by_turns(cell: NDArray[np.integer], score: NDArray[np.float64]) -> NDArray[
 
 
 def _begin(
-    faces: MeshFaces, seed: NDArray[np.int64], tree: cKDTree, label: NDArray[np.int32], o: PlanarOptions
+    faces: MeshFaces, seed: NDArray[np.int64], tree: cKDTree, label: NDArray[np.int32], options: PlanarOptions
 ) -> Plane | None:
     """Return the plane around the faces ``seed``, fitted within one of ``radii`` after the other."""
     plane = _fit(faces, seed, np.ones(len(seed)))
     if plane.normal @ faces.normal[seed].sum(0) < 0:
         plane = Plane(-plane.normal, -plane.offset)
     middle, side, facing = faces.centre[seed].mean(0), float(np.median(faces.pixel[seed])), plane.normal
-    for radius in o.radii:
+    for radius in options.radii:
         near = np.sort(np.asarray(tree.query_ball_point(middle, radius * side), np.int64))
-        near = near[(label[near] < 0) & (faces.normal[near] @ facing > np.cos(np.radians(o.turn)))]
-        fitted = _refit(faces, near, plane, o)
+        near = near[(label[near] < 0) & (faces.normal[near] @ facing > np.cos(np.radians(options.turn)))]
+        fitted = _refit(faces, near, plane, options)
         if fitted is None:
             return None
         plane = fitted
     return plane
 
 
-def _refit(faces: MeshFaces, near: NDArray[np.int64], plane: Plane, o: PlanarOptions) -> Plane | None:
+def _refit(faces: MeshFaces, near: NDArray[np.int64], plane: Plane, options: PlanarOptions) -> Plane | None:
     """Return the plane moved onto those of the faces ``near`` that lie in it, twice; None where they are too few."""
     for _ in range(2):
         off = faces.distances(plane, near)
-        inside = np.abs(off) < o.band
-        if faces.area[near[inside]].sum() < o.seed_area:
+        inside = np.abs(off) < options.band
+        if faces.area[near[inside]].sum() < options.seed_area:
             return None
-        plane = _fit(faces, near[inside], (1 - (off[inside] / o.band) ** 2) ** 2).facing(plane.normal)
+        plane = _fit(faces, near[inside], (1 - (off[inside] / options.band) ** 2) ** 2).facing(plane.normal)
     return plane
 
 
-def _same(plane: Plane, others: list[Plane], at: NDArray[np.float64], pixel: float, o: PlanarOptions) -> bool:
+def _same(plane: Plane, others: list[Plane], at: NDArray[np.float64], pixel: float, options: PlanarOptions) -> bool:
     """Tell whether a plane is one of others, near a point."""
     if not others:
         return False
     normals, offsets = np.array([other.normal for other in others]), np.array([other.offset for other in others])
     shift = np.abs((at @ plane.normal - plane.offset) - (normals @ at - offsets)) / pixel
-    return bool(((normals @ plane.normal > np.cos(np.radians(o.same_angle))) & (shift < o.same_shift)).any())
+    return bool(
+        ((normals @ plane.normal > np.cos(np.radians(options.same_angle))) & (shift < options.same_shift)).any()
+    )
 
 
 def _grow(
-    faces: MeshFaces, plane: Plane, free: NDArray[np.int64], o: PlanarOptions
+    faces: MeshFaces, plane: Plane, free: NDArray[np.int64], options: PlanarOptions
 ) -> tuple[tuple[Plane, float], NDArray[np.int64]] | None:
     """Grow a plane to its largest connected region: the plane, its noise, and the faces; None if it is rejected."""
-    inside = _largest_part(faces, free[np.abs(faces.distances(plane, free)) < o.band])
-    if faces.area[inside].sum() < o.least_area:
+    inside = _largest_part(faces, free[np.abs(faces.distances(plane, free)) < options.band])
+    if faces.area[inside].sum() < options.least_area:
         return None
     for _ in range(3):
         off = faces.distances(plane, inside)
-        reach = max(min(o.sigmas * _noise(off, faces.area[inside]), o.band), 1e-6)
+        reach = max(min(options.sigmas * _noise(off, faces.area[inside]), options.band), 1e-6)
         weight = np.maximum(1 - (off / reach) ** 2, 0) ** 2
-        if faces.area[inside[weight > 0]].sum() < o.least_area:
+        if faces.area[inside[weight > 0]].sum() < options.least_area:
             return None
         plane = _fit(faces, inside, weight).facing(plane.normal)
     off = faces.distances(plane, inside)
     # centres of faces have less noise than vertices, so in a relief of a few sigma hardly any face counts as flat
-    kept = np.abs(off) <= o.sigmas * _noise(off, faces.area[inside])
+    kept = np.abs(off) <= options.sigmas * _noise(off, faces.area[inside])
     inside, off = inside[kept], off[kept]
-    if faces.area[inside].sum() < o.least_area or _bent(faces, inside, off, plane.normal, o):
+    if faces.area[inside].sum() < options.least_area or _bent(faces, inside, off, plane.normal, options):
         return None
     corners = (faces.mesh.vertices[faces.mesh.faces[inside]] @ plane.normal - plane.offset) / faces.pixel[inside, None]
     return (plane, _noise(corners.ravel(), np.repeat(faces.area[inside], 3))), inside
@@ -269,7 +271,11 @@ def _noise(off: NDArray[np.float64], area: NDArray[np.float64]) -> float:
 
 
 def _bent(
-    faces: MeshFaces, rows: NDArray[np.int64], off: NDArray[np.float64], normal: NDArray[np.float64], o: PlanarOptions
+    faces: MeshFaces,
+    rows: NDArray[np.int64],
+    off: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    options: PlanarOptions,
 ) -> bool:
     """Tell whether faces are too narrow for a plane, or deviate from it systematically.
 
@@ -278,17 +284,17 @@ def _bent(
     across = np.linalg.svd(normal[None])[2][1:]
     flat = (faces.centre[rows] - faces.centre[rows].mean(0)) @ across.T / np.median(faces.pixel[rows])
     area = faces.area[rows]
-    if _width(flat, area) < o.least_width:
+    if _width(flat, area) < options.least_width:
         return True
-    places = np.floor(flat / o.bend_cell).astype(np.int64)
+    places = np.floor(flat / options.bend_cell).astype(np.int64)
     places -= places.min(0)
     cell = places[:, 0] * (places[:, 1].max() + 1) + places[:, 1]
     sums = np.bincount(cell, area)
     means = np.bincount(cell, area * off) / np.maximum(sums, 1e-12)
-    full = sums >= o.bend_area
+    full = sums >= options.bend_area
     waves = np.sqrt((sums * means**2)[full].sum() / max(sums[full].sum(), 1e-12))
     noise = _noise(off - means[cell], area)
-    return bool(waves > o.waves or _bow(flat, off, area) > np.clip(noise, *o.bows))
+    return bool(waves > options.waves or _bow(flat, off, area) > np.clip(noise, *options.bows))
 
 
 def _width(flat: NDArray[np.float64], area: NDArray[np.float64]) -> float:

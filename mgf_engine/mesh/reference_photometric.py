@@ -70,18 +70,18 @@ def match_depths(
         step: relative change of the inverse depth from one try to the next, [N].
         options: number of tries, and which pixels can be compared.
     """
-    o, first, other, between = options, pair.first, pair.other, pair.between
-    scores, counts = np.zeros((len(pixels), o.steps)), np.zeros(len(pixels))
+    first, other, between = pair.first, pair.other, pair.between
+    scores, counts = np.zeros((len(pixels), options.steps)), np.zeros(len(pixels))
     for n, pixel in enumerate(pixels):
         y, x = divmod(int(pixel), first[0].shape[1])
         plane = _plane(x, y, first[1][y, x], normals[n], pair.inverse_intrinsics)
-        if plane is None or not _sees(x, y, first[1][y, x], between, other[1], o.hidden):
+        if plane is None or not _sees(x, y, first[1][y, x], between, other[1], options.hidden):
             continue
-        window = _window(x, y, plane, first, o.jump, o.texture)
+        window = _window(x, y, plane, first, options.jump, options.texture)
         if window is None:
             continue
-        factors = 1 + (np.arange(o.steps) - o.steps // 2) * step[n]
-        found = [_correlation(window, plane * factor, between, other[0], o.texture) for factor in factors]
+        factors = 1 + (np.arange(options.steps) - options.steps // 2) * step[n]
+        found = [_correlation(window, plane * factor, between, other[0], options.texture) for factor in factors]
         if all(f is not None for f in found):
             scores[n], counts[n] = found, 1
     return scores, counts

@@ -81,7 +81,7 @@ class Relief:
         return np.asarray(height * pixel[vertex])
 
 
-def _relief(flat: Array, off: Array, o: ReliefOptions) -> Array:
+def _relief(flat: Array, off: Array, options: ReliefOptions) -> Array:
     """Return the relief [K] of heights ``off`` [K] at places [K, 2] of a plane, all in ground pixels."""
     column, row = np.floor(flat - flat.min(0)).astype(np.int64).T
     shape = (int(column.max()) + 1, int(row.max()) + 1)
@@ -94,9 +94,9 @@ def _relief(flat: Array, off: Array, o: ReliefOptions) -> Array:
         smooth = [gaussian_filter(grid, sigma, mode="constant") for grid in (values, weight)]
         return np.asarray(smooth[0] / np.maximum(smooth[1], 1e-12))
 
-    height = mean(sums, o.grain) - mean(sums, o.waves)
-    power = mean(weight * height**2, o.window)
-    kept = height * np.maximum(1 - o.noise**2 / np.maximum(power, 1e-12), 0)
+    height = mean(sums, options.grain) - mean(sums, options.waves)
+    power = mean(weight * height**2, options.window)
+    kept = height * np.maximum(1 - options.noise**2 / np.maximum(power, 1e-12), 0)
     return np.asarray(np.maximum(kept, 0)[column, row])
 
 

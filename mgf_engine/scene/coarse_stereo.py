@@ -71,24 +71,24 @@ def texture_strength(light: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(np.sqrt(least) / 2, np.float32)
 
 
-def _textured(depths: Depths, index: int, o: CoarseStereoOptions) -> NDArray[np.bool_]:
+def _textured(depths: Depths, index: int, options: CoarseStereoOptions) -> NDArray[np.bool_]:
     """Tell which pixels of a photo have texture, bool [h, w]."""
     photo = depths.photos[index]
-    return np.asarray(photo.inside & (texture_strength(photo.grey.astype(np.float32) / 2.55) > o.texture), bool)
+    return np.asarray(photo.inside & (texture_strength(photo.grey.astype(np.float32) / 2.55) > options.texture), bool)
 
 
-def confirmed_texture(depths: Depths, o: CoarseStereoOptions) -> float:
+def confirmed_texture(depths: Depths, options: CoarseStereoOptions) -> float:
     """Compute the share of the textured pixels of all depth maps that a neighbour confirms; 1 without any."""
     total = confirmed = 0
     for index in depths.maps:
-        textured = _textured(depths, index, o)
+        textured = _textured(depths, index, options)
         total += int(textured.sum())
         confirmed += len(depths.points(index, textured)[0])
     return confirmed / total if total else 1.0
 
 
 def on_aliased_texture(
-    depths: Depths, index: int, places: NDArray[np.floating], o: CoarseStereoOptions
+    depths: Depths, index: int, places: NDArray[np.floating], options: CoarseStereoOptions
 ) -> NDArray[np.bool_]:
     """Find the positions in a photo whose texture no neighbouring photo confirms, which is probably aliased.
 
@@ -96,17 +96,19 @@ def on_aliased_texture(
         depths: depth maps of the photos.
         index: the photo.
         places: x, y as shares of its sides, [N, 2].
-        o: what counts as texture, and how much of it must be confirmed.
+        options: what counts as texture, and how much of it must be confirmed.
 
     Returns:
         bool [N].
     """
-    textured = _textured(depths, index, o)
+    textured = _textured(depths, index, options)
     agreed = np.zeros(textured.shape, np.float32)
     if index in depths.maps:
         agreed[tuple(depths.points(index, np.ones_like(textured))[0].T)] = 1
-    around = (o.neighbourhood, o.neighbourhood)
-    aliased = (cv2.blur(textured.astype(np.float32), around) > o.textured) & (cv2.blur(agreed, around) < o.confirmed)
+    around = (options.neighbourhood, options.neighbourhood)
+    aliased = (cv2.blur(textured.astype(np.float32), around) > options.textured) & (
+        cv2.blur(agreed, around) < options.confirmed
+    )
     height, width = textured.shape
     column, row = np.clip((places * (width, height)).astype(int), 0, (width - 1, height - 1)).T
     return np.asarray(aliased[row, column], bool)
@@ -116,7 +118,7 @@ def match_reduced(
     points: MatchingPoints,
     inside: Callable[[int], NDArray[np.bool_]] | None,
     matching: Matching,
-    o: CoarseStereoOptions,
+    options: CoarseStereoOptions,
     threads: int,
     check: Callable[[], None],
 ) -> Depths:
@@ -126,16 +128,21 @@ def match_reduced(
         points: photos and cameras, and the sparse points that choose neighbours and the range of depths.
         inside: view -> bool [H, W], the pixels that are wanted; None for all.
         matching: options for photos that are not reduced.
-        o: how far photos are reduced, and what counts.
+        options: how far photos are reduced, and what counts.
         threads: number of worker threads.
         check: called between photos; may raise to cancel.
     """
     largest = max(max(view.width, view.height) for view in (points.scene.views[i] for i in points.views))
-    stereo = replace(matching.stereo, window=o.window)
-    reduced = replace(matching, longest_side=round(min(o.longest_side, largest) / o.factor), stereo=stereo, blur=o.blur)
+    stereo = replace(matching.stereo, window=options.window)
+    reduced = replace(
+        matching,
+        longest_side=round(min(options.longest_side, largest) / options.factor),
+        stereo=stereo,
+        blur=options.blur,
+    )
     depths = match_photos(points, inside, reduced, threads, check)
     search = PatchMatchOptions(
-        neighbours=o.neighbours, best=o.best, rounds=o.rounds, texture=o.deviation, sure_score=o.score,
-        agreed_score=min(o.score, PatchMatchOptions.agreed_score),
+        neighbours=options.neighbours, best=options.best, rounds=options.rounds, texture=options.deviation,
+        sure_score=options.score, agreed_score=min(options.score, PatchMatchOptions.agreed_score),
     )  # fmt: skip
     return improve_depths(depths, points, stereo.neighbours, search, check)

@@ -92,7 +92,7 @@ def improve_depths(
     depths: Depths,
     points: MatchingPoints,
     choice: NeighbourOptions,
-    o: PatchMatchOptions,
+    options: PatchMatchOptions,
     check: Callable[[], None],
 ) -> Depths:
     """Search the planes of all pixels from depth maps by semi-global matching.
@@ -101,34 +101,39 @@ def improve_depths(
         depths: those maps; photos without neighbours or sparse points keep theirs.
         points: the views of these maps, and the sparse points that choose neighbours and the range of depths.
         choice: of the neighbours.
-        o: the search, and which depths count.
+        options: the search, and which depths count.
         check: called between photos; may raise to cancel.
     """
-    if o.rounds == 0:
+    if options.rounds == 0:
         return depths
-    chosen = {i: near for i, near in points.neighbours(o.neighbours, choice).items() if near}
+    chosen = {i: near for i, near in points.neighbours(options.neighbours, choice).items() if near}
     planes = {}
     for i in chosen:
         check()
-        begun = _begin(depths.photos[i], depths.maps.get(i), points.scene.points[points.observed[i]], o, seed=i)
+        begun = _begin(depths.photos[i], depths.maps.get(i), points.scene.points[points.observed[i]], options, seed=i)
         if begun is not None:
             planes[i] = begun
-            _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(o.rounds), o)
-    for k in range(o.consistent_rounds):
-        maps = {i: p.depth(depths.photos[i].grey.shape, o.consistency_min_ncc) for i, p in planes.items()}
+            _search(
+                depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(options.rounds), options
+            )
+    for k in range(options.consistent_rounds):
+        maps = {i: p.depth(depths.photos[i].grey.shape, options.consistency_min_ncc) for i, p in planes.items()}
         for i in planes:
             check()
             near = [j for j in chosen[i] if j in maps]
-            rounds = range(o.rounds // 2 + k, o.rounds // 2 + k + 1)
-            _search(depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], rounds, o)
+            rounds = range(options.rounds // 2 + k, options.rounds // 2 + k + 1)
+            _search(
+                depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], rounds, options
+            )
     found = {
-        i: _choose(p, depths.maps.get(i), depths.photos[i].grey.shape, depths.tolerance, o) for i, p in planes.items()
+        i: _choose(p, depths.maps.get(i), depths.photos[i].grey.shape, depths.tolerance, options)
+        for i, p in planes.items()
     }
     return replace(depths, neighbours={**depths.neighbours, **chosen}, maps={**depths.maps, **found})
 
 
 def _begin(
-    photo: Photo, depth: Array | None, points: NDArray[np.float64], o: PatchMatchOptions, seed: int
+    photo: Photo, depth: Array | None, points: NDArray[np.float64], options: PatchMatchOptions, seed: int
 ) -> PixelPlanes | None:
     """Start from a depth map, and at random where it is unknown; None without sparse points or wanted pixels."""
     z = points @ photo.view.rotation[2] + photo.view.translation[2]
@@ -139,7 +144,7 @@ def _begin(
     if not (z > 0).any() or not len(pixels):
         return None
     low, high = np.percentile(1 / z[z > 0], [1, 99])
-    margin = o.search_margin * (high - low)
+    margin = options.search_margin * (high - low)
     low, high = max(low - margin, low / 2), high + margin
     inverse = np.random.default_rng(seed).uniform(low, high, len(pixels))
     if depth is not None:
@@ -152,7 +157,7 @@ def _begin(
 
 def _search(
     photo: Photo, others: Sequence[Photo], depths: Sequence[Array] | None, planes: PixelPlanes, rounds: range,
-    o: PatchMatchOptions,
+    options: PatchMatchOptions,
 ) -> None:  # fmt: skip
     """Move the planes of a photo, one colour of the checkerboard after the other.
 
@@ -162,7 +167,7 @@ def _search(
         depths: their depth maps, whose distance from a plane costs correlation; None for no such cost.
         planes: changed in place.
         rounds: numbers of the rounds.
-        o: the search.
+        options: the search.
     """
     if not others:
         return
@@ -176,14 +181,14 @@ def _search(
     other = photo_struct(view, [(p.quads, depth, p.scaled_view) for p, depth in zip(others, maps, strict=True)])
     for number in rounds:
         for c, half in enumerate(halves):
-            search = search_struct(photo, planes.bounds, len(others), number, c, depths is not None, o)
+            search = search_struct(photo, planes.bounds, len(others), number, c, depths is not None, options)
             parallel("mgf_patch_match", len(half), half, first, other, len(others), search, *fields)
     planes.values[:] = fields[:, planes.pixels]
 
 
 def search_struct(
     photo: Photo, bounds: tuple[float, float], others: int, number: int, colour: int, consistent: bool,
-    o: PatchMatchOptions,
+    options: PatchMatchOptions,
 ) -> NDArray[np.void]:  # fmt: skip
     """Return the options of half a round as the kernel takes them.
 
@@ -194,23 +199,23 @@ def search_struct(
         number: of the round; steps get shorter with it, and it seeds the random numbers.
         colour: 0 or 1, which half of the pixels is searched.
         consistent: whether the neighbours' own depths count.
-        o: options of the search.
+        options: options of the search.
     """
     search, factor = np.zeros(1, SEARCH), 0.5**number
     search["low"], search["high"] = bounds
-    search["texture"], search["contrast"] = o.texture, o.contrast
-    search["shift"], search["tilt"] = o.shift * factor, o.tilt * factor
-    search["consistency"], search["most_off"] = o.consistency if consistent else 0, o.consistency_max_cost
+    search["texture"], search["contrast"] = options.texture, options.contrast
+    search["shift"], search["tilt"] = options.shift * factor, options.tilt * factor
+    search["consistency"], search["most_off"] = options.consistency if consistent else 0, options.consistency_max_cost
     search["inverse_focal"] = 1 / photo.intrinsics[0, 0], 1 / photo.intrinsics[1, 1]
-    search["best"], search["seed"] = min(o.best, others), 2 * number + colour
+    search["best"], search["seed"] = min(options.best, others), 2 * number + colour
     return search
 
 
 def _choose(
-    planes: PixelPlanes, other: Array | None, shape: tuple[int, int], tolerance: float, o: PatchMatchOptions
+    planes: PixelPlanes, other: Array | None, shape: tuple[int, int], tolerance: float, options: PatchMatchOptions
 ) -> Array:
     """Return the depth map [h, w] of the depths that are certain, or that another depth map confirms."""
-    sure, likely = planes.depth(shape, o.sure_score), planes.depth(shape, o.agreed_score)
+    sure, likely = planes.depth(shape, options.sure_score), planes.depth(shape, options.agreed_score)
     if other is None:
         return sure
     agreed = (likely > 0) & (np.abs(likely - other) < tolerance * likely)

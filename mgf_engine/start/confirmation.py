@@ -27,7 +27,7 @@ def confirmed_share(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     seen: Sequence[NDArray[np.int64]],
-    o: DenseOptions,
+    options: DenseOptions,
 ) -> NDArray[np.float64]:
     """Compute the share of the photos expected to see each point that confirm it.
 
@@ -40,7 +40,7 @@ def confirmed_share(
         points: [N, 3], normalised frame.
         normals: unit vectors of either sign, [N, 3].
         seen: of each point, positions of the views that see it.
-        o: angles from which a photo is not expected to see a point.
+        options: angles from which a photo is not expected to see a point.
 
     Returns:
         [N], above 0, at most 1.
@@ -52,8 +52,8 @@ def confirmed_share(
     expected = np.zeros(len(points), np.int64)
     for number, centre in enumerate(views.centres):
         direction = unit_vectors(centre - points)
-        aside = (direction * towards).sum(1) < np.cos(np.radians(o.largest_angle))
-        grazing = np.abs((direction * normals).sum(1)) < np.cos(np.radians(o.grazing_angle))
+        aside = (direction * towards).sum(1) < np.cos(np.radians(options.largest_angle))
+        grazing = np.abs((direction * normals).sum(1)) < np.cos(np.radians(options.grazing_angle))
         expected += _shows(views, depths, number, points) & ~aside & ~grazing
     return count / np.maximum(expected, count)
 

@@ -37,14 +37,14 @@ Array = NDArray[np.float64]
 
 
 def cut_surface(
-    views: StartViews, evidence: Evidence, o: CutOptions, check: Callable[[], None]
+    views: StartViews, evidence: Evidence, options: CutOptions, check: Callable[[], None]
 ) -> tuple[Mesh, NDArray[np.float32]]:
     """Compute the closed surface by the minimum cut of the graph of tetrahedra.
 
     Args:
         views: cameras and masks.
         evidence: points, their rays and their planes.
-        o: weights.
+        options: weights.
         check: called between the steps; may raise to cancel.
 
     Returns:
@@ -54,23 +54,23 @@ def cut_surface(
         Cancelled: the user asked to stop.
     """
     low, high = evidence.points.min(0), evidence.points.max(0)
-    padding = o.padding * float((high - low).max())
+    padding = options.padding * float((high - low).max())
     points = np.concatenate([evidence.points, _box(low, high, padding)])
     with background_delaunay(points) as made:
         shape = Tetrahedra(points, orient_positive(points, made(check)))
-    outside = _outside_share(views, shape, o)
-    fixed_outside = (outside > o.outside_share) | (shape.corners >= len(evidence.points)).any(1)
-    free, solid, face = _cast_rays(views, shape, evidence, o)
+    outside = _outside_share(views, shape, options)
+    fixed_outside = (outside > options.outside_share) | (shape.corners >= len(evidence.points)).any(1)
+    free, solid, face = _cast_rays(views, shape, evidence, options)
     check()
     sink = np.empty(len(fixed_outside))
     for chunk in shape.chunks():
         # Rays through a tetrahedron reduce the reward of its volume: a courtyard lies in the visual hull, but is free.
-        free_space = np.maximum(face[chunk].sum(1) / ONE - o.free_space, 0)
-        hull = o.volume * shape.volumes(chunk) / views.pixel**3 * (1 - outside[chunk])
+        free_space = np.maximum(face[chunk].sum(1) / ONE - options.free_space, 0)
+        hull = options.volume * shape.volumes(chunk) / views.pixel**3 * (1 - outside[chunk])
         sink[chunk] = solid[chunk] / ONE + np.maximum(hull - free_space, 0)
     source = np.where(fixed_outside, _HARD_CAPACITY, free / ONE)
     del outside, free, solid
-    graph = CutGraph(shape, face, evidence, views.pixel, o)
+    graph = CutGraph(shape, face, evidence, views.pixel, options)
     del face
     graph.flow.add(source, sink)
     del source, sink
@@ -78,7 +78,7 @@ def cut_surface(
     check()
     margin = 0.1 * padding
     release_memory()  # the graph and the planes of the next walk are the largest there is
-    pulled = _pull_uncovered(views, shape, fixed_outside, first, (low - margin, high + margin), o)
+    pulled = _pull_uncovered(views, shape, fixed_outside, first, (low - margin, high + margin), options)
     graph.flow.add(np.zeros(len(pulled)), pulled / ONE)
     inside = graph.flow.cut()
     log.info("start: %d points, %d tetrahedra, %d inside", len(points), len(inside), inside.sum())
@@ -91,18 +91,18 @@ def _box(low: Array, high: Array, padding: float) -> Array:
     return np.delete(np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 3), 13, 0)
 
 
-def _outside_share(views: StartViews, shape: Tetrahedra, o: CutOptions) -> Array:
+def _outside_share(views: StartViews, shape: Tetrahedra, options: CutOptions) -> Array:
     """Compute the share of each tetrahedron outside of the visual hull, [T]."""
     share = np.zeros(len(shape.corners))
     for chunk in shape.chunks():
         corners = shape.points[shape.corners[chunk]]
         for row in _SAMPLES:
-            share[chunk] += views.is_outside(row @ corners, o.outside)
+            share[chunk] += views.is_outside(row @ corners, options.outside)
     return share / len(_SAMPLES)
 
 
 def _cast_rays(
-    views: StartViews, shape: Tetrahedra, evidence: Evidence, o: CutOptions
+    views: StartViews, shape: Tetrahedra, evidence: Evidence, options: CutOptions
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
     """Cast the points' rays (kernel ``mgf_tetra_rays``).
 
@@ -113,13 +113,15 @@ def _cast_rays(
     point = np.repeat(np.arange(len(evidence.points), dtype=np.int32), [len(s) for s in evidence.seen])
     view = np.concatenate([np.zeros(0, np.int64), *evidence.seen]).astype(np.int32)
     weight = evidence.weight[point].astype(np.float32)
-    behind = (o.behind * weight * _well_inside(views, evidence.points[point], view, o.well_inside)).astype(np.float32)
+    behind = (options.behind * weight * _well_inside(views, evidence.points[point], view, options.well_inside)).astype(
+        np.float32
+    )
     free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
     face = np.zeros((len(shape.corners), 4), np.int32)
     with shape.kernel_table(from_points=True) as table:
         parallel(
             "mgf_tetra_rays", len(point), table, point, view, views.centres, weight, behind,
-            float(o.soft * views.pixel), float(o.depth * views.pixel), free, solid, face,
+            float(options.soft * views.pixel), float(options.depth * views.pixel), free, solid, face,
         )  # fmt: skip
     return free, solid, face
 
@@ -142,7 +144,7 @@ def _pull_uncovered(
     fixed_outside: NDArray[np.bool_],
     mesh: Mesh,
     box: tuple[Array, Array],
-    o: CutOptions,
+    options: CutOptions,
 ) -> NDArray[np.int32]:
     """Compute inside weights of tetrahedra on rays of uncovered mask pixels (kernel ``mgf_tetra_pull``).
 
@@ -152,7 +154,7 @@ def _pull_uncovered(
         fixed_outside: tetrahedra constrained to be outside, bool [T].
         mesh: the surface.
         box: low and high corner [3] of the space that the rays are followed in.
-        o: weights.
+        options: weights.
 
     Returns:
         int32 [T], in units of 1 / ``ONE``.
@@ -161,8 +163,8 @@ def _pull_uncovered(
     pulled = np.zeros(len(fixed_outside), np.int32)
     with shape.kernel_table() as table:
         parallel(
-            "mgf_tetra_pull", len(origin), table, origin, direction, fixed_outside.astype(np.uint8), float(o.cover),
-            float(o.short * views.pixel), pulled,
+            "mgf_tetra_pull", len(origin), table, origin, direction, fixed_outside.astype(np.uint8),
+            float(options.cover), float(options.short * views.pixel), pulled,
         )  # fmt: skip
     log.info("start: %d mask pixels uncovered at first", len(origin))
     return pulled

@@ -24,7 +24,7 @@ class CutGraph:
     """
 
     def __init__(
-        self, shape: Tetrahedra, rays: NDArray[np.int32], evidence: Evidence, pixel: float, o: CutOptions
+        self, shape: Tetrahedra, rays: NDArray[np.int32], evidence: Evidence, pixel: float, options: CutOptions
     ) -> None:
         self.shape, self.strength = shape, StrongestPlane(evidence, len(shape.points))
         self.flow = Flow(shape.neighbours)
@@ -33,8 +33,8 @@ class CutGraph:
             back = np.argmax(shape.neighbours[other] == cell[:, None], 1)
             faces = _corners_of(shape, cell, k)
             with np.errstate(divide="ignore"):
-                factor = np.minimum(1.0, o.flat / self.strength(faces) ** o.slope)
-            cost = o.area * (_areas(shape.points, faces) / pixel**2) * factor
+                factor = np.minimum(1.0, options.flat / self.strength(faces) ** options.slope)
+            cost = options.area * (_areas(shape.points, faces) / pixel**2) * factor
             self.flow.residual[cell, k] = rays[cell, k] / ONE + cost
             self.flow.residual[other, back] = rays[other, back] / ONE + cost
 

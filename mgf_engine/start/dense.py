@@ -30,69 +30,76 @@ _BATCH = 8  # photos whose points are added up together
 def dense_points(
     views: StartViews,
     masks: MaskSet,
-    o: DenseOptions,
+    options: DenseOptions,
     smoothing: PointSmoothingOptions,
     threads: int,
     check: Callable[[], None],
 ) -> DensePoints:
-    """Match the photos: one point per voxel of ``o.size`` px that enough of the photos confirm, smoothed.
+    """Match the photos: one point per voxel of ``options.size`` px that enough of the photos confirm, smoothed.
 
     Where hardly any texture is confirmed, it is finer than the photos can show: reduced photos are matched, too.
 
     Args:
         views: cameras and masks at working size.
         masks: the building in each photo.
-        o: matching, voxels and confirmation.
+        options: matching, voxels and confirmation.
         smoothing: of the points.
         threads: number of worker threads.
         check: called between photos; may raise to cancel.
     """
-    points = with_hull_points(views.scene, masks, views.indices, o.hull)
-    matching = Matching(o.neighbours, o.longest_side, o.stereo)
+    points = with_hull_points(views.scene, masks, views.indices, options.hull)
+    matching = Matching(options.neighbours, options.longest_side, options.stereo)
 
     def inside(index: int) -> NDArray[np.bool_]:
         return building(masks.labels[index])
 
     depths = match_photos(points, inside, matching, threads, check)
-    aliased = confirmed_texture(depths, o.coarse) < o.coarse.least_confirmed
-    depths = improve_depths(depths, points, o.stereo.neighbours, o.patch_match, check)
-    found = _fuse(views, depths, o, views.pixel, smoothing, threads)
+    aliased = confirmed_texture(depths, options.coarse) < options.coarse.least_confirmed
+    depths = improve_depths(depths, points, options.stereo.neighbours, options.patch_match, check)
+    found = _fuse(views, depths, options, views.pixel, smoothing, threads)
     if not aliased:
         return found
     log.info("start: fine texture aliases, reduced photos are matched")
-    depths = match_reduced(points, inside, matching, o.coarse, threads, check)
-    a, factor = o.aliased, o.coarse.factor
-    coarse = replace(o, texture=a.texture, confirmed_by=a.confirmed_by, least_share=a.least_share, weight=a.weight)
+    depths = match_reduced(points, inside, matching, options.coarse, threads, check)
+    a, factor = options.aliased, options.coarse.factor
+    coarse = replace(
+        options, texture=a.texture, confirmed_by=a.confirmed_by, least_share=a.least_share, weight=a.weight
+    )
     return replace(found.joined(_fuse(views, depths, coarse, factor * views.pixel, smoothing, threads)), aliased=True)
 
 
 def _fuse(
-    views: StartViews, depths: Depths, o: DenseOptions, pixel: float, smoothing: PointSmoothingOptions, threads: int
+    views: StartViews,
+    depths: Depths,
+    options: DenseOptions,
+    pixel: float,
+    smoothing: PointSmoothingOptions,
+    threads: int,
 ) -> DensePoints:
     """Fuse depth maps to points.
 
     Args:
         views: cameras and masks.
         depths: the depth maps.
-        o: voxels and confirmation.
+        options: voxels and confirmation.
         pixel: size of a pixel of the matched photos at the building.
         smoothing: of the points.
         threads: number of worker threads.
     """
     numbers = [n for n, i in enumerate(views.indices) if i in depths.maps]
-    size = o.size * pixel
+    size = options.size * pixel
     parts = [VoxelSums.of(np.zeros((0, 3)), csr_array((0, len(views.views)), dtype=np.uint32), views.low, size)]
     for sums in parallel_map(
-        lambda n: VoxelSums.of(*_confirmed(views, depths, n, o), views.low, size), numbers, threads
+        lambda n: VoxelSums.of(*_confirmed(views, depths, n, options), views.low, size), numbers, threads
     ):
         parts.append(sums)
         if len(parts) > _BATCH:
             parts = [VoxelSums.joined(parts)]
-    points, seen = VoxelSums.joined(parts).means(o.least_points, o.seen_share)
-    normals = surface_normals(points, o.normal_neighbours)
-    share = confirmed_share(views, depths, points, normals, seen, o)
-    enough = np.flatnonzero(share >= o.least_share)
-    weight = o.weight * np.minimum(share[enough] / o.full_share, 1) ** 2
+    points, seen = VoxelSums.joined(parts).means(options.least_points, options.seen_share)
+    normals = surface_normals(points, options.normal_neighbours)
+    share = confirmed_share(views, depths, points, normals, seen, options)
+    enough = np.flatnonzero(share >= options.least_share)
+    weight = options.weight * np.minimum(share[enough] / options.full_share, 1) ** 2
     smooth, normals = smooth_points(points[enough], normals[enough], pixel, smoothing, threads)
     confirmed = DensePoints(smooth, [seen[n] for n in enough], weight, normals)
     return _towards_views(confirmed, views.centres)
@@ -106,21 +113,21 @@ def _towards_views(dense: DensePoints, centres: NDArray[np.float64]) -> DensePoi
 
 
 def _confirmed(
-    views: StartViews, depths: Depths, number: int, o: DenseOptions
+    views: StartViews, depths: Depths, number: int, options: DenseOptions
 ) -> tuple[NDArray[np.float64], csr_array]:
     """Return the points [N, 3] of one photo that others confirm, and which views saw them, ones in [N, V]."""
     photo = depths.photos[views.indices[number]]
     height, width = photo.grey.shape
     color = cv2.resize(views.scene.photo(views.indices[number]), (width, height), interpolation=cv2.INTER_AREA)
     light = cv2.cvtColor(color.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)[..., 0]
-    _, points = depths.points(views.indices[number], photo.inside & (texture_strength(light) > o.texture))
+    _, points = depths.points(views.indices[number], photo.inside & (texture_strength(light) > options.texture))
     points = points[((points > views.low) & (points < views.high)).all(1)]
-    others = [int(n) for n in np.flatnonzero(views.angles[number] < o.largest_angle) if n != number]
+    others = [int(n) for n in np.flatnonzero(views.angles[number] < options.largest_angle) if n != number]
     rows = [np.arange(len(points)), *(np.flatnonzero(depths.confirms(views.indices[n], points)) for n in others)]
     view = np.repeat([number, *others], [len(part) for part in rows])
     row = np.concatenate(rows)
     seen = csr_array((np.ones(len(row), np.uint32), (row, view)), shape=(len(points), len(views.views)))
-    keep = np.bincount(row, minlength=len(points)) > o.confirmed_by
+    keep = np.bincount(row, minlength=len(points)) > options.confirmed_by
     return points[keep], seen[keep]
 
 

@@ -78,27 +78,28 @@ def gather_evidence(views: StartViews, lines: Sequence[Line], dense: DensePoints
     Raises:
         BadInput: hardly any points.
     """
-    o, pixel = options.planes, views.pixel
-    planes = find_planes(lines, pixel, o)
+    plane_options, pixel = options.planes, views.pixel
+    planes = find_planes(lines, pixel, plane_options)
     on_lines, lines_seen = line_points(lines, pixel, options.segments)
     groups = [
-        _Group(on_lines, lines_seen, np.ones(len(on_lines)), o.near),
-        _Group(views.points, views.seen, np.ones(len(views.points)), o.near_sparse * o.near),
-        _Group(dense.points, dense.seen, dense.weight, o.near_dense * o.near),
+        _Group(on_lines, lines_seen, np.ones(len(on_lines)), plane_options.near),
+        _Group(views.points, views.seen, np.ones(len(views.points)), plane_options.near_sparse * plane_options.near),
+        _Group(dense.points, dense.seen, dense.weight, plane_options.near_dense * plane_options.near),
     ]
     if sum(len(group.points) for group in groups) < options.cut.least_points:
         raise BadInput(
             "The photos show too few edges and points on the building for a surface; add photos that overlap more."
         )
     for points in _steiner_points(views, planes, lines, dense, options):
-        groups.append(_Group(points, [np.zeros(0, np.int64)] * len(points), np.zeros(len(points)), o.near))
+        groups.append(_Group(points, [np.zeros(0, np.int64)] * len(points), np.zeros(len(points)), plane_options.near))
     log.info("start: %d planes; points on lines, sparse, dense, creases, planes, behind, in the hull: %s",
              len(planes.planes), [len(group.points) for group in groups])  # fmt: skip
     near = np.concatenate([np.full(len(group.points), group.near * pixel) for group in groups])
-    points, on = snap_to_planes(np.concatenate([group.points for group in groups]), planes, near, o)
+    points, on = snap_to_planes(np.concatenate([group.points for group in groups]), planes, near, plane_options)
     weight, seen = np.concatenate([group.weight for group in groups]), [s for group in groups for s in group.seen]
     return merge_points(
-        Evidence(points, seen, weight, on, _relative_strength(planes, o.strongest)), options.cut.merge * pixel
+        Evidence(points, seen, weight, on, _relative_strength(planes, plane_options.strongest)),
+        options.cut.merge * pixel,
     )
 
 
@@ -120,15 +121,15 @@ def _steiner_points(
     Returns:
         points [N, 3] of each of the four kinds.
     """
-    o, pixel = options.planes, views.pixel
+    plane_options, pixel = options.planes, views.pixel
 
     def in_hull(points: Array) -> NDArray[np.bool_]:
         return ~views.is_outside(points, options.cut.outside)
 
-    points, owner = plane_points(planes, lines, dense.points, pixel, o)
+    points, owner = plane_points(planes, lines, dense.points, pixel, plane_options)
     kept = in_hull(points)
     points, owner = points[kept], owner[kept]
-    creases = crease_points(planes, points, owner, pixel, o)
+    creases = crease_points(planes, points, owner, pixel, plane_options)
     behind = _off_surface(dense, options.cut.off_surface * pixel)
     coarse = _coarse_cells(views.cells, [dense.points, points])
     return [creases[in_hull(creases)], points, behind[in_hull(behind)], coarse]

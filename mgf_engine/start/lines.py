@@ -100,9 +100,9 @@ def _by_reference(segments: Segments) -> ctypes.c_void_p:
 
 def find_lines(segments: Segments) -> list[Line]:
     """Find lines of a building greedily, strongest first: each explains enough segments that no earlier one does."""
-    o, lengths = segments.options, segments.lengths
+    options, lengths = segments.options, segments.lengths
     hypotheses, score = match_segments(segments, choose_neighbours(segments))
-    source = np.flatnonzero(score > o.least_score).astype(np.int32)
+    source = np.flatnonzero(score > options.least_score).astype(np.int32)
     source = np.ascontiguousarray(source[np.argsort(-score[source] * lengths[source], kind="stable")])
     used = np.zeros(len(lengths), bool)
     result: list[Line] = []
@@ -127,21 +127,28 @@ def _select_lines(
         fitted: as :func:`fit_segments` returns them.
         used: whether a line explains each segment, bool [S]; those that the kept lines explain are marked.
     """
-    o, views = segments.options, segments.views
+    options, views = segments.options, segments.views
     lines, rows, residuals, ends = fitted
-    good = (rows >= 0) & (residuals < o.residual)
-    candidates = (good.sum(1) >= o.least_views) & np.take_along_axis(good, segments.view[source][:, None], 1)[:, 0]
+    good = (rows >= 0) & (residuals < options.residual)
+    candidates = (good.sum(1) >= options.least_views) & np.take_along_axis(good, segments.view[source][:, None], 1)[
+        :, 0
+    ]
     share = np.linspace(0, 1, 9)
     at = lines[:, None, 0] + share[None, :, None] * (lines[:, None, 1] - lines[:, None, 0])
-    outside = views.is_outside(at.reshape(-1, 3), o.outside).reshape(len(source), -1)
-    candidates &= (outside.mean(1) <= o.outside_share) & (np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9)
+    outside = views.is_outside(at.reshape(-1, 3), options.outside).reshape(len(source), -1)
+    candidates &= (outside.mean(1) <= options.outside_share) & (
+        np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1) > 1e-9
+    )
     result = []
     for n in np.flatnonzero(candidates):
         if used[source[n]]:
             continue
         seen = np.flatnonzero(good[n])
         mine = rows[n, seen]
-        if np.count_nonzero(~used[mine]) < o.least_views or _spread(lines[n], views.centres[seen]) < o.spread:
+        if (
+            np.count_nonzero(~used[mine]) < options.least_views
+            or _spread(lines[n], views.centres[seen]) < options.spread
+        ):
             continue
         used[mine] = True
         result.append(Line(lines[n], seen, ends[n, seen]))
@@ -159,24 +166,24 @@ def _spread(line: NDArray[np.float64], centres: NDArray[np.float64]) -> float:
 
 
 def line_points(
-    lines: Sequence[Line], pixel: float, o: SegmentOptions
+    lines: Sequence[Line], pixel: float, options: SegmentOptions
 ) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-    """Place points every ``o.step`` px where enough views show a line.
+    """Place points every ``options.step`` px where enough views show a line.
 
     Args:
         lines: normalised frame.
         pixel: size of a pixel at the building.
-        o: ``step``, ``least_views`` and ``shortest_line``.
+        options: ``step``, ``least_views`` and ``shortest_line``.
 
     Returns:
         points [N, 3], and positions of the views that show each.
     """
     points: list[NDArray[np.float64]] = []
     seen: list[NDArray[np.int64]] = []
-    step, least = o.step * pixel, o.least_views
+    step, least = options.step * pixel, options.least_views
     for line in lines:
         low, high = np.sort(line.shown[:, 0])[least - 1], np.sort(line.shown[:, 1])[-least]
-        if high - low < o.shortest_line * pixel:
+        if high - low < options.shortest_line * pixel:
             continue
         at = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
         cover = (line.shown[:, 0] <= at[:, None] + 0.5 * step) & (line.shown[:, 1] >= at[:, None] - 0.5 * step)

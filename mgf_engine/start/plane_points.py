@@ -15,9 +15,9 @@ from mgf_engine.start.planes import LinePlanes, parallel_beside
 
 
 def plane_points(
-    planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, o: PlaneOptions
+    planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, options: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Place points every ``o.grid`` px on each plane, over the rectangle around its lines or their convex hull.
+    """Place points every ``options.grid`` px on each plane, over the rectangle around its lines or their convex hull.
 
     The rectangle is filled if lines run along both of its sides and no stronger parallel plane is near, else the hull.
     A plane just beside a stronger parallel one (a pane, a frame) gets points near its own lines only: a bare area
@@ -28,7 +28,7 @@ def plane_points(
         lines: all lines, which the planes' members number.
         dense: points by stereo, [M, 3].
         pixel: size of a pixel at the building.
-        o: distances in pixels.
+        options: distances in pixels.
 
     Returns:
         points [N, 3] and the plane of each [N].
@@ -40,27 +40,27 @@ def plane_points(
         axes = _axes(plane[:3], ends)
         ends = ends @ axes.T
         uv = np.concatenate([np.linspace(p, q, 2 + int(np.linalg.norm(q - p) / (4 * pixel))) for p, q in ends])
-        grid = _grid(uv, o.grid * pixel, o.reach * pixel)
-        if not _spans_rectangle(ends, o) or _beside_stronger(planes, k, o.rectangle_layer * pixel, o):
-            grid = grid[_in_hull(grid, uv, o.reach * pixel)]
-        if len(grid) and _beside_stronger(planes, k, o.layer * pixel, o):
-            grid = grid[cKDTree(uv).query(grid)[0] < o.reach * pixel]
+        grid = _grid(uv, options.grid * pixel, options.reach * pixel)
+        if not _spans_rectangle(ends, options) or _beside_stronger(planes, k, options.rectangle_layer * pixel, options):
+            grid = grid[_in_hull(grid, uv, options.reach * pixel)]
+        if len(grid) and _beside_stronger(planes, k, options.layer * pixel, options):
+            grid = grid[cKDTree(uv).query(grid)[0] < options.reach * pixel]
         points = grid @ axes - plane[3] * plane[:3]
         if tree is not None and len(points):
-            points = points[~_contradicted(points, plane, tree, pixel, o)]
+            points = points[~_contradicted(points, plane, tree, pixel, options)]
         found.append(points)
         owner.append(np.full(len(points), k))
     return np.concatenate(found), np.concatenate(owner)
 
 
-def _beside_stronger(planes: LinePlanes, number: int, distance: float, o: PlaneOptions) -> bool:
+def _beside_stronger(planes: LinePlanes, number: int, distance: float, options: PlaneOptions) -> bool:
     """Tell whether a stronger parallel plane lies just beside a plane."""
-    beside = parallel_beside(planes.planes, planes.planes[number], o.layer_cosine, distance)
+    beside = parallel_beside(planes.planes, planes.planes[number], options.layer_cosine, distance)
     return bool((beside & (planes.strength > planes.strength[number])).any())
 
 
 def _contradicted(
-    points: NDArray[np.float64], plane: NDArray[np.float64], tree: cKDTree, pixel: float, o: PlaneOptions
+    points: NDArray[np.float64], plane: NDArray[np.float64], tree: cKDTree, pixel: float, options: PlaneOptions
 ) -> NDArray[np.bool_]:
     """Tell which points [N, 3] of a plane the stereo points around them contradict, bool [N].
 
@@ -71,13 +71,13 @@ def _contradicted(
         plane: unit normal and offset, [4].
         tree: of the stereo points.
         pixel: size of a pixel at the building.
-        o: radius, number and median distance of the stereo points that contradict.
+        options: radius, number and median distance of the stereo points that contradict.
     """
     result = np.zeros(len(points), bool)
-    for n, near in enumerate(tree.query_ball_point(points, o.contradiction_radius * pixel)):
-        if len(near) >= o.contradiction_points:
+    for n, near in enumerate(tree.query_ball_point(points, options.contradiction_radius * pixel)):
+        if len(near) >= options.contradiction_points:
             distance = np.abs(tree.data[near] @ plane[:3] + plane[3])
-            result[n] = np.median(distance) > o.contradiction_distance * pixel
+            result[n] = np.median(distance) > options.contradiction_distance * pixel
     return result
 
 
@@ -103,15 +103,15 @@ def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.floa
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
 
 
-def _spans_rectangle(ends: NDArray[np.float64], o: PlaneOptions) -> bool:
+def _spans_rectangle(ends: NDArray[np.float64], options: PlaneOptions) -> bool:
     """Tell whether lines [L, 2, 2] run along both axes, as the foot and a corner of a wall do.
 
     Lines along one axis only may be chords of a vault.
     """
     run = np.abs(ends[:, 1] - ends[:, 0])
     length = np.linalg.norm(run, axis=1)
-    along = (length[:, None] * (run[:, ::-1] < np.sin(np.deg2rad(o.parallel)) * length[:, None])).sum(0)
-    return bool(along.min() >= o.rectangle_share * length.sum())
+    along = (length[:, None] * (run[:, ::-1] < np.sin(np.deg2rad(options.parallel)) * length[:, None])).sum(0)
+    return bool(along.min() >= options.rectangle_share * length.sum())
 
 
 def _in_hull(points: NDArray[np.float64], uv: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
@@ -124,23 +124,23 @@ def _in_hull(points: NDArray[np.float64], uv: NDArray[np.float64], reach: float)
 
 
 def crease_points(
-    planes: LinePlanes, points: NDArray[np.float64], owner: NDArray[np.int64], pixel: float, o: PlaneOptions
+    planes: LinePlanes, points: NDArray[np.float64], owner: NDArray[np.int64], pixel: float, options: PlaneOptions
 ) -> NDArray[np.float64]:
-    """Place points every ``o.crease`` px where two planes meet and both have points of their own near by.
+    """Place points every ``options.crease`` px where two planes meet and both have points of their own near by.
 
     Args:
         planes: that meet.
         points: on the planes, [N, 3].
         owner: plane of each point, [N].
         pixel: size of a pixel at the building.
-        o: distances in pixels.
+        options: distances in pixels.
 
     Returns:
         points [M, 3].
     """
     if not len(points):
         return np.zeros((0, 3))
-    step, reach = o.crease * pixel, o.crease_reach * o.grid * pixel
+    step, reach = options.crease * pixel, options.crease_reach * options.grid * pixel
     trees = [cKDTree(points[owner == k]) if (owner == k).any() else None for k in range(len(planes.planes))]
     low, high, found = points.min(0) - reach, points.max(0) + reach, [np.zeros((0, 3))]
     span = np.arange(-0.5, 0.5, step / np.linalg.norm(high - low)) * np.linalg.norm(high - low)
@@ -148,7 +148,7 @@ def crease_points(
         for j in range(i):
             second, one, other = planes.planes[j], trees[i], trees[j]
             d = np.cross(first[:3], second[:3])
-            if np.linalg.norm(d) < o.crease_sine or one is None or other is None:
+            if np.linalg.norm(d) < options.crease_sine or one is None or other is None:
                 continue
             d = d / np.linalg.norm(d)
             rows = np.stack([first[:3], second[:3], d])

@@ -56,25 +56,25 @@ class _Lines:
 
 
 def dominant_directions(
-    directions: NDArray[np.float64], lengths: NDArray[np.float64], o: PlaneOptions
+    directions: NDArray[np.float64], lengths: NDArray[np.float64], options: PlaneOptions
 ) -> NDArray[np.float64]:
     """Find the dominant directions of lines greedily, each by the length of the lines parallel to no earlier one.
 
     Args:
         directions: unit vectors of the lines, either sign, [N, 3].
         lengths: of the lines, [N].
-        o: angles and shares.
+        options: angles and shares.
 
     Returns:
         unit vectors [M, 3], most length first.
     """
     left = lengths.copy()
     found: list[NDArray[np.float64]] = []
-    limit = np.cos(np.radians(o.direction_angle))
-    while len(found) < o.directions:
+    limit = np.cos(np.radians(options.direction_angle))
+    while len(found) < options.directions:
         votes = (np.abs(directions @ directions.T) > limit) @ left
         best = int(votes.argmax()) if len(votes) else 0
-        if not len(votes) or votes[best] < o.direction_share * lengths.sum():
+        if not len(votes) or votes[best] < options.direction_share * lengths.sum():
             break
         d = directions[best]
         for _ in range(_DIRECTION_ROUNDS):
@@ -87,7 +87,7 @@ def dominant_directions(
     return np.array(found).reshape(-1, 3)
 
 
-def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePlanes:
+def find_planes(lines: Sequence[Line], pixel: float, options: PlaneOptions) -> LinePlanes:
     """Find planes through lines greedily, each by the length of its lines that lie on no earlier plane.
 
     Candidates are pairs of dominant directions at each line parallel to both, and pairs of lines that lie in one plane.
@@ -95,14 +95,14 @@ def find_planes(lines: Sequence[Line], pixel: float, o: PlaneOptions) -> LinePla
     Args:
         lines: in the normalised frame.
         pixel: size of a pixel at the building.
-        o: lengths in pixels, angles and weights.
+        options: lengths in pixels, angles and weights.
     """
     if len(lines) < 2:
         return LinePlanes(np.zeros((0, 4)), [], np.zeros(0))
     all_lines = _Lines.of(lines)
-    regular, pairs = _planes_of_directions(all_lines, o), _planes_of_pairs(all_lines, pixel, o)
+    regular, pairs = _planes_of_directions(all_lines, options), _planes_of_pairs(all_lines, pixel, options)
     candidates = np.concatenate([regular, pairs])
-    selection = _Selection(all_lines, candidates, np.arange(len(candidates)) < len(regular), pixel, o)
+    selection = _Selection(all_lines, candidates, np.arange(len(candidates)) < len(regular), pixel, options)
     selection.take_unexplained()
     selection.take_separate()
     return LinePlanes(selection.planes, selection.members, np.array(selection.strength))
@@ -123,12 +123,12 @@ class _Selection:
         candidates: NDArray[np.float64],
         regular: NDArray[np.bool_],
         pixel: float,
-        o: PlaneOptions,
+        options: PlaneOptions,
     ) -> None:
-        self.lines, self.candidates, self.regular, self.pixel, self.o = lines, candidates, regular, pixel, o
-        self.inlier = _lines_on_planes(candidates, lines, o.near * pixel).astype(np.float32)
-        self.weight = np.minimum(lines.length / pixel, o.longest)
-        self.turned = np.abs(lines.direction @ lines.direction.T) < np.cos(np.radians(o.crossing))
+        self.lines, self.candidates, self.regular, self.pixel, self.options = lines, candidates, regular, pixel, options
+        self.inlier = _lines_on_planes(candidates, lines, options.near * pixel).astype(np.float32)
+        self.weight = np.minimum(lines.length / pixel, options.longest)
+        self.turned = np.abs(lines.direction @ lines.direction.T) < np.cos(np.radians(options.crossing))
         self.across = self.inlier * self.turned[np.where(self.inlier > 0, self.weight, 0).argmax(1)]
         self.taken = np.zeros(len(lines.length), np.int64)
         self.planes = np.zeros((0, 4))
@@ -137,18 +137,18 @@ class _Selection:
 
     def take_unexplained(self) -> None:
         """Take planes until none carries enough length of lines that lie on no earlier one."""
-        alive, distance = np.ones(len(self.candidates), bool), self.o.same_distance * self.pixel
-        while len(self.planes) < self.o.most and alive.any():
-            gain = self._gain(self.o.carried) * alive
+        alive, distance = np.ones(len(self.candidates), bool), self.options.same_distance * self.pixel
+        while len(self.planes) < self.options.most and alive.any():
+            gain = self._gain(self.options.carried) * alive
             best = int(gain.argmax())
-            if gain[best] < self.o.least:
+            if gain[best] < self.options.least:
                 break
             alive[best] = False
             plane, mine = self._fit(best)
             if not len(mine):
                 continue
-            alive &= ~parallel_beside(self.candidates, plane, self.o.same_cosine, distance)
-            if not parallel_beside(self.planes, plane, self.o.same_cosine, distance).any():
+            alive &= ~parallel_beside(self.candidates, plane, self.options.same_cosine, distance)
+            if not parallel_beside(self.planes, plane, self.options.same_cosine, distance).any():
                 self._add(plane, mine)
 
     def take_separate(self) -> None:
@@ -158,18 +158,19 @@ class _Selection:
         """
         if not self.planes.size:
             return
-        distance, least = self.o.rectangle_layer * self.pixel, self.o.separate * float(np.median(self.strength))
+        distance = self.options.rectangle_layer * self.pixel
+        least = self.options.separate * float(np.median(self.strength))
         alive = self.regular.copy()
         for plane in self.planes:
-            alive &= ~parallel_beside(self.candidates, plane, self.o.layer_cosine, distance)
+            alive &= ~parallel_beside(self.candidates, plane, self.options.layer_cosine, distance)
         gain = self._gain((1.0, 1.0))
         order = np.argsort(-gain, kind="stable")
-        for number in order[(alive & (gain >= self.o.least))[order]]:
+        for number in order[(alive & (gain >= self.options.least))[order]]:
             if not alive[number]:
                 continue
             plane, mine = self._fit(int(number))
             if len(mine) and self._strength(mine) >= least:
-                alive &= ~parallel_beside(self.candidates, plane, self.o.layer_cosine, distance)
+                alive &= ~parallel_beside(self.candidates, plane, self.options.layer_cosine, distance)
                 self._add(plane, mine)
 
     def _gain(self, carried: tuple[float, float]) -> NDArray[np.float64]:
@@ -180,21 +181,21 @@ class _Selection:
         """
         w = (self.weight * np.select([self.taken == 0, self.taken == 1], [1.0, carried[0]], carried[1])).astype("f4")
         whole, other = self.inlier @ w, self.across @ w  # what runs another way than the longest line must hold its own
-        held = self.o.cross_factor * other + np.where(self.regular, self.o.regular_share * whole, 0)
-        return np.asarray(np.where(self.regular, self.o.regular_weight, 1.0) * np.minimum(whole, held))
+        held = self.options.cross_factor * other + np.where(self.regular, self.options.regular_share * whole, 0)
+        return np.asarray(np.where(self.regular, self.options.regular_weight, 1.0) * np.minimum(whole, held))
 
     def _fit(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Fit a candidate to its lines; returns the plane [4] and the lines on it, none where these are too few."""
         regular = bool(self.regular[number])
         plane = _fit_plane(self.candidates[number], self.inlier[number] > 0, self.lines, regular)
-        mine = np.flatnonzero(_lines_on_planes(plane[None], self.lines, self.o.near * self.pixel)[0])
+        mine = np.flatnonzero(_lines_on_planes(plane[None], self.lines, self.options.near * self.pixel)[0])
         return plane, mine if len(mine) >= (2 if regular else 3) else mine[:0]
 
     def _strength(self, mine: NDArray[np.int64]) -> float:
         """Return the length in px of lines on one plane, limited where these run in one direction only."""
         weight = self.weight[mine]
         crossing = self.turned[mine[weight.argmax()]][mine]
-        held = self.o.cross_factor * weight[crossing].sum() + self.o.strength_share * weight.sum()
+        held = self.options.cross_factor * weight[crossing].sum() + self.options.strength_share * weight.sum()
         return float(min(weight.sum(), held))
 
     def _add(self, plane: NDArray[np.float64], mine: NDArray[np.int64]) -> None:
@@ -227,41 +228,41 @@ def parallel_beside(
     return np.asarray((np.abs(along) > cosine) & near)
 
 
-def _planes_of_directions(lines: _Lines, o: PlaneOptions) -> NDArray[np.float64]:
+def _planes_of_directions(lines: _Lines, options: PlaneOptions) -> NDArray[np.float64]:
     """Return candidates [C, 4] along two dominant directions, through each line that is parallel to both."""
-    main, middle = dominant_directions(lines.direction, lines.length, o), lines.middle
+    main, middle = dominant_directions(lines.direction, lines.length, options), lines.middle
     found = [np.zeros((0, 4))]
     for i in range(len(main)):
         for j in range(i):
             normal = np.cross(main[i], main[j])
-            if np.linalg.norm(normal) < o.direction_sine:
+            if np.linalg.norm(normal) < options.direction_sine:
                 continue
             normal = normal / np.linalg.norm(normal)
-            rows = np.abs(lines.direction @ normal) < np.sin(np.radians(o.along))
+            rows = np.abs(lines.direction @ normal) < np.sin(np.radians(options.along))
             found.append(np.c_[np.broadcast_to(normal, (rows.sum(), 3)), -(middle[rows] @ normal)])
     return np.concatenate(found)
 
 
-def _planes_of_pairs(lines: _Lines, pixel: float, o: PlaneOptions) -> NDArray[np.float64]:
+def _planes_of_pairs(lines: _Lines, pixel: float, options: PlaneOptions) -> NDArray[np.float64]:
     """Return candidates [C, 4] through two lines that cross or run side by side, those of long lines first."""
     strong = np.argsort(-lines.length, kind="stable")[:_MOST_PAIRED]
     i, j = (strong[k] for k in np.triu_indices(len(strong), 1))
     d, middle = lines.direction, lines.middle
     cosine = np.abs((d[i] * d[j]).sum(1))
-    beside = cosine > np.cos(np.radians(o.parallel))
-    keep = beside | (cosine < np.cos(np.radians(o.crossing)))
+    beside = cosine > np.cos(np.radians(options.parallel))
+    keep = beside | (cosine < np.cos(np.radians(options.crossing)))
     i, j, beside = i[keep], j[keep], beside[keep]
     across = middle[j] - middle[i]
     across -= (across * d[i]).sum(1)[:, None] * d[i]
     normal = np.where(beside[:, None], np.cross(d[i], across), np.cross(d[i], d[j]))
     size = np.linalg.norm(normal, axis=1)
-    usable = (size > 1e-9) & (~beside | (np.linalg.norm(across, axis=1) > o.apart * pixel))
+    usable = (size > 1e-9) & (~beside | (np.linalg.norm(across, axis=1) > options.apart * pixel))
     i, j, normal = i[usable], j[usable], normal[usable] / size[usable, None]
     offset = -(normal * (middle[i] + middle[j]) / 2).sum(1)
     reach = [np.abs((normal * p).sum(1) + offset) for p in (lines.a[i], lines.a[j])]
-    touch = np.flatnonzero(np.maximum(*reach) < o.near * pixel)
+    touch = np.flatnonzero(np.maximum(*reach) < options.near * pixel)
     shorter = np.minimum(lines.length[i[touch]], lines.length[j[touch]])
-    touch = touch[np.argsort(-shorter, kind="stable")[: o.candidates]]
+    touch = touch[np.argsort(-shorter, kind="stable")[: options.candidates]]
     return np.c_[normal[touch], offset[touch]]
 
 
@@ -282,7 +283,7 @@ def _fit_plane(
 
 
 def snap_to_planes(
-    points: NDArray[np.float64], planes: LinePlanes, near: NDArray[np.float64], o: PlaneOptions
+    points: NDArray[np.float64], planes: LinePlanes, near: NDArray[np.float64], options: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Project points onto all planes within a distance, onto their intersection where there are several.
 
@@ -290,34 +291,34 @@ def snap_to_planes(
         points: [N, 3], normalised frame.
         planes: to move them onto.
         near: distance up to which each point moves, [N].
-        o: which planes a point may move onto together, and the maximum move.
+        options: which planes a point may move onto together, and the maximum move.
 
     Returns:
         The points [N, 3] and which planes each lies on, bool [N, K].
     """
     parts = [
-        _snap(points[begin : begin + _CHUNK], planes, near[begin : begin + _CHUNK], o)
+        _snap(points[begin : begin + _CHUNK], planes, near[begin : begin + _CHUNK], options)
         for begin in range(0, max(len(points), 1), _CHUNK)
     ]
     return np.concatenate([moved for moved, _ in parts]), np.concatenate([on for _, on in parts])
 
 
 def _snap(
-    points: NDArray[np.float64], planes: LinePlanes, near: NDArray[np.float64], o: PlaneOptions
+    points: NDArray[np.float64], planes: LinePlanes, near: NDArray[np.float64], options: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Move points onto planes, as :func:`snap_to_planes`, all at once."""
     distance, out = planes.distances(points), points.copy()
-    rows = _planes_to_snap_to(distance, np.abs(distance) < near[:, None], planes.planes[:, :3], o.common_cosine)
+    rows = _planes_to_snap_to(distance, np.abs(distance) < near[:, None], planes.planes[:, :3], options.common_cosine)
     for count in range(1, 4):
         of = np.flatnonzero((rows >= 0).sum(1) == count)
         combinations, which = np.unique(rows[of, :count], axis=0, return_inverse=True)
         if not len(of):
             continue
-        solve = np.linalg.pinv(planes.planes[combinations, :3], rcond=o.common_rank)
+        solve = np.linalg.pinv(planes.planes[combinations, :3], rcond=options.common_rank)
         move = -np.einsum("nik,nk->ni", solve[which.ravel()], np.take_along_axis(distance[of], rows[of, :count], 1))
-        near_enough = np.linalg.norm(move, axis=1) < o.longest_move * near[of]
+        near_enough = np.linalg.norm(move, axis=1) < options.longest_move * near[of]
         out[of[near_enough]] += move[near_enough]
-    return out, np.abs(planes.distances(out)) < o.on_plane * near[:, None]
+    return out, np.abs(planes.distances(out)) < options.on_plane * near[:, None]
 
 
 def _planes_to_snap_to(

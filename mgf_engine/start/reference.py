@@ -141,13 +141,13 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
     return spans[-1][2], passed
 
 
-def find_outside(points: Array, silhouettes: Silhouettes, o: OutsideOptions) -> NDArray[np.bool_]:
+def find_outside(points: Array, silhouettes: Silhouettes, options: OutsideOptions) -> NDArray[np.bool_]:
     """Find points outside of the visual hull as :func:`mgf_engine.start.views.find_outside` does, view by view.
 
     Args:
         points: [N, 3], normalised frame.
         silhouettes: the masks.
-        o: how many of them call a point outside.
+        options: how many of them call a point outside.
     """
     framed, outside = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
     for p, distance, size in zip(silhouettes.projections, silhouettes.outside, silhouettes.sizes, strict=True):
@@ -155,8 +155,8 @@ def find_outside(points: Array, silhouettes: Silhouettes, o: OutsideOptions) -> 
             at = _projected(p, x)
             if at is not None and (at >= 0).all() and (at < size).all():
                 framed[n] += 1
-                outside[n] += distance[int(at[1]), int(at[0])] > 8 * o.margin
-    return (outside >= o.least_views) & (outside >= np.float32(o.share) * framed.astype(np.float32))
+                outside[n] += distance[int(at[1]), int(at[0])] > 8 * options.margin
+    return (outside >= options.least_views) & (outside >= np.float32(options.share) * framed.astype(np.float32))
 
 
 def smooth_point(
@@ -186,14 +186,14 @@ def smooth_point(
     return points[row] + np.clip(mean, -most, most) * normal, normal
 
 
-def snap_to_planes(points: Array, planes: Array, near: Array, o: PlaneOptions) -> Array:
+def snap_to_planes(points: Array, planes: Array, near: Array, options: PlaneOptions) -> Array:
     """Move points [N, 3] onto planes [K, 4] as :func:`mgf_engine.start.planes.snap_to_planes` does.
 
     Args:
         points: [N, 3], normalised frame.
         planes: (normal, offset) of each, [K, 4].
         near: distance within which a point moves, per point.
-        o: options of the planes.
+        options: options of the planes.
     """
     normals, distance, out = planes[:, :3], points @ planes[:, :3].T + planes[:, 3], points.copy()
     for n in range(len(points)):
@@ -201,11 +201,11 @@ def snap_to_planes(points: Array, planes: Array, near: Array, o: PlaneOptions) -
         for k in np.argsort(np.abs(distance[n])):
             if abs(distance[n, k]) >= near[n] or len(rows) == 3:
                 break
-            if all(abs(normals[k] @ normals[r]) < o.common_cosine for r in rows):
+            if all(abs(normals[k] @ normals[r]) < options.common_cosine for r in rows):
                 rows.append(int(k))
         if rows:
-            move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=o.common_rank)[0]
-            out[n] += move if np.linalg.norm(move) < o.longest_move * near[n] else 0
+            move = -np.linalg.lstsq(normals[rows], distance[n, rows], rcond=options.common_rank)[0]
+            out[n] += move if np.linalg.norm(move) < options.longest_move * near[n] else 0
     return out
 
 

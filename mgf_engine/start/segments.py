@@ -92,8 +92,8 @@ class Segments:
             self.views.centres, self.first, grid, cell, near,
         )  # fmt: skip
         arrays = tuple(np.ascontiguousarray(a) for a in arrays)
-        o = self.options
-        numbers = (*(a.ctypes.data for a in arrays), len(self.views.views), _CELL, o.reach, o.colour, o.overlap)
+        settings = (_CELL, self.options.reach, self.options.colour, self.options.overlap)
+        numbers = (*(a.ctypes.data for a in arrays), len(self.views.views), *settings)
         kinds = [*((n, ctypes.c_void_p) for n in _POINTERS), ("views", ctypes.c_int64)]
         kinds += [(n, ctypes.c_double) for n in ("cell_size", "reach", "colour", "overlap")]
         table = type("SegmentTable", (ctypes.Structure,), {"_fields_": kinds})(*numbers)
@@ -120,7 +120,7 @@ def find_segments(views: StartViews, options: SegmentOptions, threads: int, blur
 
 
 def _detect(
-    views: StartViews, number: int, o: SegmentOptions, blur: float
+    views: StartViews, number: int, options: SegmentOptions, blur: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
     """Detect a photo's longest edges by LSD (von Gioi et al. 2010).
 
@@ -140,13 +140,15 @@ def _detect(
     ends = (lines.reshape(-1, 4).astype(float) + 0.5) / 2
     along = ends[:, 2:] - ends[:, :2]
     length = np.hypot(*along.T)
-    near = cv2.dilate((views.labels[number] != BACKGROUND).astype(np.uint8), np.ones((2 * o.margin + 1,) * 2, np.uint8))
+    near = cv2.dilate(
+        (views.labels[number] != BACKGROUND).astype(np.uint8), np.ones((2 * options.margin + 1,) * 2, np.uint8)
+    )
     middle = np.clip(((ends[:, :2] + ends[:, 2:]) / 2).astype(int), 0, [grey.shape[1] - 1, grey.shape[0] - 1])
-    wanted = np.flatnonzero((length > o.shortest) & (near[middle[:, 1], middle[:, 0]] > 0))
-    wanted = wanted[np.argsort(-length[wanted], kind="stable")[: o.most]]
+    wanted = np.flatnonzero((length > options.shortest) & (near[middle[:, 1], middle[:, 0]] > 0))
+    wanted = wanted[np.argsort(-length[wanted], kind="stable")[: options.most]]
     ends, along = ends[wanted], along[wanted]
     across = np.stack([-along[:, 1], along[:, 0]], 1) / length[wanted, None]
-    sides = np.stack([_side_colours(lab, ends, along, sign * across, o) for sign in (1, -1)], 1)
+    sides = np.stack([_side_colours(lab, ends, along, sign * across, options) for sign in (1, -1)], 1)
     flip = sides[:, 0, 0] < sides[:, 1, 0]
     ends[flip] = ends[flip][:, [2, 3, 0, 1]]
     sides[flip] = sides[flip][:, ::-1]
@@ -158,7 +160,7 @@ def _side_colours(
     ends: NDArray[np.float64],
     along: NDArray[np.float64],
     across: NDArray[np.float64],
-    o: SegmentOptions,
+    options: SegmentOptions,
 ) -> NDArray[np.float32]:
     """Compute the median colours beside edges.
 
@@ -167,14 +169,16 @@ def _side_colours(
         ends: of the edges, px, [N, 4].
         along: from the first end to the second, [N, 2].
         across: unit vectors towards the side, [N, 2].
-        o: where the colours are read.
+        options: where the colours are read.
 
     Returns:
         [N, 3].
     """
     if not len(ends):
         return np.zeros((0, 3), np.float32)
-    away, share = (np.linspace(*span, count) for span, count in zip((o.side, o.along), _COLOUR_SAMPLES, strict=True))
+    away, share = (
+        np.linspace(*span, count) for span, count in zip((options.side, options.along), _COLOUR_SAMPLES, strict=True)
+    )
     at = ends[:, None, None, :2] + share[None, :, None, None] * along[:, None, None]
     places = (at + away[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32)
     read = cv2.remap(lab, places[..., 0] - 0.5, places[..., 1] - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

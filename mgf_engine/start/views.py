@@ -67,9 +67,9 @@ class StartViews:
             return photo
         return np.asarray(cv2.resize(photo, (view.width, view.height), interpolation=cv2.INTER_AREA), np.uint8)
 
-    def is_outside(self, points: NDArray[np.float64], o: OutsideOptions) -> NDArray[np.bool_]:
+    def is_outside(self, points: NDArray[np.float64], options: OutsideOptions) -> NDArray[np.bool_]:
         """Find the points [N, 3] outside of the visual hull, bool [N]; see :func:`find_outside`."""
-        return find_outside(points, self.silhouettes, o)
+        return find_outside(points, self.silhouettes, options)
 
 
 @dataclass(frozen=True)
@@ -122,13 +122,13 @@ def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.fl
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-def find_outside(points: NDArray[np.float64], silhouettes: Silhouettes, o: OutsideOptions) -> NDArray[np.bool_]:
+def find_outside(points: NDArray[np.float64], silhouettes: Silhouettes, options: OutsideOptions) -> NDArray[np.bool_]:
     """Find the points that lie outside of the visual hull (kernel ``mgf_find_outside``).
 
     Args:
         points: [N, 3], normalised frame.
         silhouettes: the masks.
-        o: how many of them call a point outside.
+        options: how many of them call a point outside.
 
     Returns:
         bool [N].
@@ -137,19 +137,19 @@ def find_outside(points: NDArray[np.float64], silhouettes: Silhouettes, o: Outsi
     points, (views, height, width) = np.ascontiguousarray(points, dtype=np.float64), silhouettes.outside.shape
     parallel(
         "mgf_find_outside", len(points), points, silhouettes.projections, views, silhouettes.outside, height, width,
-        silhouettes.sizes, float(o.margin), o.least_views, float(o.share), result,
+        silhouettes.sizes, float(options.margin), options.least_views, float(options.share), result,
     )  # fmt: skip
     return result > 0
 
 
-def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOptions) -> StartViews:
+def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], options: ViewOptions) -> StartViews:
     """Prepare views of a scene for the starting surface.
 
     Args:
         scene: photos, cameras and sparse points.
         masks: the building in each photo.
         indices: the views.
-        o: working size, and which points and masks count.
+        options: working size, and which points and masks count.
 
     Raises:
         BadInput: few sparse points lie on the building, and its masks have no place in common.
@@ -157,24 +157,24 @@ def start_views(scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOpt
     views, labels = [], []
     for i in indices:
         view = scene.views[i]
-        view = scaled_view(view, min(1.0, o.longest_side / max(view.width, view.height)))
+        view = scaled_view(view, min(1.0, options.longest_side / max(view.width, view.height)))
         size = (view.width, view.height)
         views.append(view)
         labels.append(np.asarray(cv2.resize(masks.labels[i], size, interpolation=cv2.INTER_NEAREST), np.uint8))
-    points, seen = _points_of(scene, masks, indices, o)
-    low, high, cells = _box(scene, masks, indices, points, o)
+    points, seen = _points_of(scene, masks, indices, options)
+    low, high, cells = _box(scene, masks, indices, points, options)
     middle = (low + high) / 2
     pixel = float(np.median([np.linalg.norm(view.centre - middle) / view.fx for view in views]))
-    if len(points) >= o.hull.least_points:
+    if len(points) >= options.hull.least_points:
         pixel = _pixel(points, seen, views)
     silhouettes = Silhouettes.of(views, labels)
-    low, high = pad_box(low, high, o.padding)
-    silhouettes = silhouettes.without(_find_faulty_masks(silhouettes, low, high, o))
+    low, high = pad_box(low, high, options.padding)
+    silhouettes = silhouettes.without(_find_faulty_masks(silhouettes, low, high, options))
     return StartViews(scene, list(indices), views, labels, silhouettes, points, seen, pixel, low, high, cells)
 
 
 def _box(
-    scene: Scene, masks: MaskSet, indices: Sequence[int], points: NDArray[np.float64], o: ViewOptions
+    scene: Scene, masks: MaskSet, indices: Sequence[int], points: NDArray[np.float64], options: ViewOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Compute the box around the sparse points and the visual hull, since plain parts have no points.
 
@@ -183,7 +183,7 @@ def _box(
         masks: the building in each photo.
         indices: the views.
         points: sparse points on the building, [N, 3].
-        o: which of them count.
+        options: which of them count.
 
     Returns:
         low and high corner [3], and the hull's cells [C, 3], none where the masks have no place in common.
@@ -191,19 +191,19 @@ def _box(
     Raises:
         BadInput: few points, and masks that have no place in common.
     """
-    if len(points) < o.hull.least_points:
-        cells, _ = hull_cells(scene, masks, indices, o.hull)
+    if len(points) < options.hull.least_points:
+        cells, _ = hull_cells(scene, masks, indices, options.hull)
         return cells.min(0), cells.max(0), cells
-    low, high = percentile_box(points, o.percentiles)
+    low, high = percentile_box(points, options.percentiles)
     try:
-        cells, _ = hull_cells(scene, masks, indices, o.hull)
+        cells, _ = hull_cells(scene, masks, indices, options.hull)
     except BadInput:
         return low, high, np.zeros((0, 3))
     return np.minimum(low, cells.min(0)), np.maximum(high, cells.max(0)), cells
 
 
 def _points_of(
-    scene: Scene, masks: MaskSet, indices: Sequence[int], o: ViewOptions
+    scene: Scene, masks: MaskSet, indices: Sequence[int], options: ViewOptions
 ) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """Return the sparse points that enough views saw inside of their masks [N, 3], and positions of those views."""
     position = np.full(len(scene.views), -1)
@@ -217,7 +217,7 @@ def _points_of(
     used = (number >= 0) & masks.point_mask[point]
     track = np.bincount(point[used], minlength=len(scene.points))
     agree = np.bincount(point[used & inside], minlength=len(scene.points))
-    kept = np.flatnonzero((track >= o.least_track) & (agree > o.track_share * track))
+    kept = np.flatnonzero((track >= options.least_track) & (agree > options.track_share * track))
     seen = [np.unique(number[a:b][used[a:b]]) for a, b in zip(scene.track_start[kept], scene.track_start[kept + 1])]  # noqa: B905
     return scene.points[kept], seen
 
@@ -234,7 +234,7 @@ def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views
 
 
 def _find_faulty_masks(
-    silhouettes: Silhouettes, low: NDArray[np.float64], high: NDArray[np.float64], o: ViewOptions
+    silhouettes: Silhouettes, low: NDArray[np.float64], high: NDArray[np.float64], options: ViewOptions
 ) -> list[int]:
     """Find masks that cut off parts of the building; returns their positions.
 
@@ -242,17 +242,17 @@ def _find_faulty_masks(
     mask that calls the largest share of it outside is faulty if that is far more than the median; then the next one is
     tested, up to half of the masks.
     """
-    step = float((high - low).max()) / o.hull_cells
+    step = float((high - low).max()) / options.hull_cells
     axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    alone = OutsideOptions(least_views=1, share=0, margin=o.hull_margin)
+    alone = OutsideOptions(least_views=1, share=0, margin=options.hull_margin)
     outside = np.stack([find_outside(cells, silhouettes.only(n), alone) for n in range(len(silhouettes.sizes))])
     trusted = np.ones(len(outside), bool)
     while trusted.sum() > len(outside) / 2:
-        inside = outside[trusted].sum(0) < min(o.hull_views, len(outside))
+        inside = outside[trusted].sum(0) < min(options.hull_views, len(outside))
         share = outside[:, inside].mean(1) if inside.any() else np.zeros(len(outside))
         worst = int(np.where(trusted, share, -1).argmax())
-        if share[worst] < max(o.distrust_share, o.distrust_factor * float(np.median(share[trusted]))):
+        if share[worst] < max(options.distrust_share, options.distrust_factor * float(np.median(share[trusted]))):
             break
         trusted[worst] = False
     return [int(n) for n in np.flatnonzero(~trusted)]

@@ -65,7 +65,7 @@ def level_seams(
     neighbours: NDArray[np.int64],
     views: Sequence[View],
     photo: Photo,
-    o: SeamOptions = SeamOptions(),
+    options: SeamOptions = SeamOptions(),
 ) -> Corrections:
     """Compute the colour corrections at the vertices of each photo's patches.
 
@@ -75,16 +75,16 @@ def level_seams(
         neighbours: pairs of faces that share an edge, [E, 2].
         views: cameras of the photos.
         photo: position in ``views`` -> working photo.
-        o: weights of the levelling.
+        options: weights of the levelling.
     """
     key = (label[:, None].astype(np.int64) + 1) * len(mesh.vertices) + mesh.faces
     node, of_corner = np.unique(key, return_inverse=True)
     of_corner = of_corner.reshape(-1, 3)
     sides = neighbours[label[neighbours[:, 0]] != label[neighbours[:, 1]]]
     ends = _shared_edges(mesh.faces, sides)
-    samples = _samples(mesh, ends, label[sides], views, o)
-    difference = _differences(mesh, ends, samples, label[sides], views, photo, o)
-    weight = samples * _flat(mesh, sides, o) / (1.0 + (np.abs(difference).max(1, initial=0) / o.usual) ** 2)
+    samples = _samples(mesh, ends, label[sides], views, options)
+    difference = _differences(mesh, ends, samples, label[sides], views, photo, options)
+    weight = samples * _flat(mesh, sides, options) / (1.0 + (np.abs(difference).max(1, initial=0) / options.usual) ** 2)
     first, second = (np.searchsorted(node, (label[sides[:, [k]]] + 1) * len(mesh.vertices) + ends) for k in (0, 1))
     seams = np.stack([first.T.ravel(), second.T.ravel()], 1)  # at one end of each edge, then at the other
     pull = np.tile(weight[:, None] * difference, (2, 1))
@@ -92,9 +92,11 @@ def level_seams(
     np.add.at(right, seams[:, 0], -pull)
     np.add.at(right, seams[:, 1], pull)
     edges = np.concatenate([of_corner[:, [0, 1]], of_corner[:, [1, 2]], of_corner[:, [2, 0]]])
-    along = _laplacian(edges, np.full(len(edges), o.stiffness / 2), len(node))
+    along = _laplacian(edges, np.full(len(edges), options.stiffness / 2), len(node))
     bare = node // len(mesh.vertices) - 1 == NO_VIEW  # painted with the colours of the vertices: stays as it is
-    matrix = _laplacian(seams, np.tile(weight, 2), len(node)) + along + sparse.diags(np.where(bare, 1e3, o.damping))
+    matrix = (
+        _laplacian(seams, np.tile(weight, 2), len(node)) + along + sparse.diags(np.where(bare, 1e3, options.damping))
+    )
     return Corrections(of_corner, _solve(matrix.tocsr(), right))
 
 
@@ -106,15 +108,15 @@ def _shared_edges(faces: NDArray[np.int32], pairs: NDArray[np.int64]) -> NDArray
     return first[shared].reshape(-1, 2).astype(np.int64)
 
 
-def _flat(mesh: Mesh, pairs: NDArray[np.int64], o: SeamOptions) -> Array:
+def _flat(mesh: Mesh, pairs: NDArray[np.int64], options: SeamOptions) -> Array:
     """Return 1 where the faces of a pair lie in one plane, 0 from ``crease`` of the options on, [K]."""
     normals = face_normals(mesh)
     bend = (normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(1)
-    return np.clip((bend - o.crease) / (1 - o.crease), 0, 1)
+    return np.clip((bend - options.crease) / (1 - options.crease), 0, 1)
 
 
 def _samples(
-    mesh: Mesh, ends: NDArray[np.int64], label: NDArray[np.int32], views: Sequence[View], o: SeamOptions
+    mesh: Mesh, ends: NDArray[np.int64], label: NDArray[np.int32], views: Sequence[View], options: SeamOptions
 ) -> NDArray[np.int64]:
     """Return the number of samples of each seam, [K], by its length in the photos.
 
@@ -125,8 +127,8 @@ def _samples(
     for index in painting_views(label):
         rows = np.flatnonzero((label == index).any(1))
         low, high = (corners(mesh.vertices[ends[rows, k]], views[index])[:, :2] for k in range(2))
-        length[rows] = np.maximum(length[rows], np.linalg.norm(high - low, axis=1) / o.spacing)
-    return np.minimum(np.ceil(length), o.most_samples).astype(np.int64)
+        length[rows] = np.maximum(length[rows], np.linalg.norm(high - low, axis=1) / options.spacing)
+    return np.minimum(np.ceil(length), options.most_samples).astype(np.int64)
 
 
 def _differences(
@@ -136,7 +138,7 @@ def _differences(
     label: NDArray[np.int32],
     views: Sequence[View],
     photo: Photo,
-    o: SeamOptions,
+    options: SeamOptions,
 ) -> Array:
     """Return the mean colour along each seam on its first side less that on its second, [K, 3]; arguments as above."""
     seam = np.repeat(np.arange(len(ends)), samples)
@@ -150,14 +152,14 @@ def _differences(
     sides = np.stack([plain, plain], 1)
     for index in painting_views(label):
         rows, side = np.nonzero(label[seam] == index)
-        sides[rows, side] = _colors(points[rows], views[index], photo(index), o)
+        sides[rows, side] = _colors(points[rows], views[index], photo(index), options)
     off = sides[:, 0] - sides[:, 1]
     return np.stack([np.bincount(seam, off[:, k], len(ends)) for k in range(3)], 1) / samples[:, None]
 
 
-def _colors(points: Array, view: View, photo: NDArray[np.uint8], o: SeamOptions) -> Array:
+def _colors(points: Array, view: View, photo: NDArray[np.uint8], options: SeamOptions) -> Array:
     """Return the colours of a photo at points [n, 3] (normalised frame), after a blur, [n, 3]."""
-    blurred = np.asarray(cv2.GaussianBlur(photo, (0, 0), o.blur), np.uint8)
+    blurred = np.asarray(cv2.GaussianBlur(photo, (0, 0), options.blur), np.uint8)
     return sample(blurred, corners(points, view)[:, :2]).astype(np.float64)
 
 

@@ -135,24 +135,24 @@ def _shown(
     view: View,
     photo: NDArray[np.uint8],
     inside: NDArray[np.bool_],
-    o: VisibilityOptions,
+    options: VisibilityOptions,
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Return the faces that a view shows, and how large they are in it."""
     at = corners(mesh.vertices, view)
     buffers = render_mesh(mesh, view, at)
     u, v, inverse = at.T
-    high, wide = view.height - o.border, view.width - o.border
-    framed = (inverse > 0) & (u > o.border) & (v > o.border) & (u < wide) & (v < high)
-    visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, buffers.depth, photo, inside, o.hidden)
+    high, wide = view.height - options.border, view.width - options.border
+    framed = (inverse > 0) & (u > options.border) & (v > options.border) & (u < wide) & (v < high)
+    visible, off = _at_vertices(mesh, np.flatnonzero(framed), at, buffers.depth, photo, inside, options.hidden)
     drawn = np.bincount(buffers.face[(buffers.face >= 0) & inside], minlength=len(mesh.faces))
     at_corners = np.asarray(visible[mesh.faces].all(1))
     face = np.flatnonzero(at_corners | ((drawn > 0) & framed[mesh.faces].all(1)))
     area = _area(at[mesh.faces[face], :2])
-    kept = np.where(area < o.large, at_corners[face], drawn[face] >= o.shown * area)
-    kept &= (area > 0) & (_facing(mesh, normals, face, view) > o.least_cosine)
+    kept = np.where(area < options.large, at_corners[face], drawn[face] >= options.shown * area)
+    kept &= (area > 0) & (_facing(mesh, normals, face, view) > options.least_cosine)
     face, area = face[kept], area[kept]
-    deviating = off[mesh.faces[face]].mean(1) > o.other_color
-    return face.astype(np.int32), np.where(deviating, o.odd_weight * area, area).astype(np.float32)
+    deviating = off[mesh.faces[face]].mean(1) > options.other_color
+    return face.astype(np.int32), np.where(deviating, options.odd_weight * area, area).astype(np.float32)
 
 
 def _at_vertices(

@@ -198,13 +198,13 @@ class BuildingExtent:
         return enough & (local[1] < self.options.hidden_below * usual * local[0])
 
 
-def _map_pixel(scene: Scene, keep: Map, o: ExtentOptions) -> float:
+def _map_pixel(scene: Scene, keep: Map, options: ExtentOptions) -> float:
     """Return the side of a map pixel at the kept points, in the photos taken from closest by; normalised units."""
     if not keep.any():
         return 0.0
     middle = np.median(scene.points[keep], axis=0)
     sides = [np.linalg.norm(v.centre - middle) * v.width / (v.fx * map_size(v)[1]) for v in scene.views]
-    return float(np.percentile(sides, o.close_by))
+    return float(np.percentile(sides, options.close_by))
 
 
 def map_size(view: View) -> tuple[int, int]:

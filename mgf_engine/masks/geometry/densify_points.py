@@ -94,14 +94,14 @@ def _all_points(scene: Scene) -> MatchingPoints:
 
 
 def _aliased_clicks(
-    scene: Scene, depths: Depths, clicks: Mapping[int, NDArray[np.floating]], o: CoarseStereoOptions
+    scene: Scene, depths: Depths, clicks: Mapping[int, NDArray[np.floating]], options: CoarseStereoOptions
 ) -> float:
     """Return the share of the clicks that lie on texture which no two photos agree about; 0 without clicks."""
     found = [np.zeros(0, bool)]
     for index, places in clicks.items():
         view = scene.views[index]
         if len(places):
-            found.append(on_aliased_texture(depths, index, places / (view.width, view.height), o))
+            found.append(on_aliased_texture(depths, index, places / (view.width, view.height), options))
     aliased = np.concatenate(found)
     return float(aliased.mean()) if len(aliased) else 0.0
 

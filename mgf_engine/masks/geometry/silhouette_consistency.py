@@ -106,11 +106,11 @@ def silhouette_odds(
 
 
 def _cells(
-    points: NDArray[np.float64], ground: GroundPlane | None, o: SilhouetteConsistencyOptions
+    points: NDArray[np.float64], ground: GroundPlane | None, options: SilhouetteConsistencyOptions
 ) -> tuple[NDArray[np.float64], float]:
     """Return the centres [N, 3] of the box's cells above the ground, and their size."""
-    low, high = percentile_box(points, o.percentiles, o.padding)
-    size = max(float((high - low).max()) / o.cells, 1e-9)
+    low, high = percentile_box(points, options.percentiles, options.padding)
+    size = max(float((high - low).max()) / options.cells, 1e-9)
     axes = [np.arange(a + size / 2, b, size) for a, b in zip(low, high, strict=True)]
     cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     return cells if ground is None else cells[ground.height(cells) > -size / 2], size

@@ -80,11 +80,11 @@ def drop_confirmed(
     return kept
 
 
-def _distance(scene: Scene, index: int, uv: NDArray[np.float64], o: PromptAgreementOptions) -> _Range | None:
+def _distance(scene: Scene, index: int, uv: NDArray[np.float64], options: PromptAgreementOptions) -> _Range | None:
     """Bound the depth of a click along its ray by the sparse points seen beside it; None where there are too few."""
     rows, view = scene.observations(index), scene.views[index]
-    beside = np.linalg.norm(scene.track_uv[rows] - uv, axis=1) < o.near * view.width
-    if beside.sum() < o.least_points:
+    beside = np.linalg.norm(scene.track_uv[rows] - uv, axis=1) < options.near * view.width
+    if beside.sum() < options.least_points:
         return None
     depth = view.project(scene.points[scene.track_point[rows[beside]]])[1]
     return float(depth.min()), float(depth.max())
@@ -96,7 +96,7 @@ def _same_thing(
     first: _Click,
     second: _Click,
     distances: dict[_Click, _Range | None] | None,
-    o: PromptAgreementOptions,
+    options: PromptAgreementOptions,
 ) -> bool:
     """Tell whether the rays of two clicks meet and, with ``distances``, at the depth of the points beside both."""
     (a, along_a), (b, along_b) = (_ray(scene.views[i], prompts[i].positive[row]) for i, row in (first, second))
@@ -105,11 +105,11 @@ def _same_thing(
         return False
     gap = np.linalg.norm(a + meeting[0] * along_a - b - meeting[1] * along_b)
     if distances is None:
-        return bool(gap <= o.gap * meeting.min())
+        return bool(gap <= options.gap * meeting.min())
     for along, known in zip(meeting, (distances[first], distances[second]), strict=True):
-        if known is None or not known[0] - o.reach * along <= along <= known[1] + o.reach * along:
+        if known is None or not known[0] - options.reach * along <= along <= known[1] + options.reach * along:
             return False
-    return bool(gap <= o.reach * meeting.min())
+    return bool(gap <= options.reach * meeting.min())
 
 
 def _ray(view: View, uv: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -62,7 +62,7 @@ def find_outlier_prompts(
     found: list[OutlierPrompt] = []
     kept = prompts
     for number in range(options.passes):
-        new = _one_pass(walker, kept, seed, clicked_alone=number == 0, o=options)
+        new = _one_pass(walker, kept, seed, clicked_alone=number == 0, options=options)
         if not new:
             break
         found += [_original_row(d, prompts, kept) for d in new]
@@ -98,20 +98,22 @@ def _original_row(outlier: OutlierPrompt, prompts: Prompts, kept: Prompts) -> Ou
 
 
 def _one_pass(
-    walker: LabelPropagation, prompts: Prompts, seed: int, clicked_alone: bool, o: PromptOutlierOptions
+    walker: LabelPropagation, prompts: Prompts, seed: int, clicked_alone: bool, options: PromptOutlierOptions
 ) -> list[OutlierPrompt]:
     clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
     if len(clicked) < 3:
         return []
-    count = min(o.groups, len(clicked))
+    count = min(options.groups, len(clicked))
 
     def against(group: int) -> list[OutlierPrompt]:
         held = clicked[group::count]
         others = {i: c for i, c in prompts.items() if i not in held}
         if not any(len(c.positive) for c in others.values()):
             return []
-        probability = walker.solve(others, seed, o.rounds, clicked if clicked_alone else None)
-        return [outlier for i in held for outlier in _against(walker.graph, probability.regions[i], i, prompts[i], o)]
+        probability = walker.solve(others, seed, options.rounds, clicked if clicked_alone else None)
+        return [
+            outlier for i in held for outlier in _against(walker.graph, probability.regions[i], i, prompts[i], options)
+        ]
 
     return [outlier for found in parallel_map(against, range(count), walker.graph.threads) for outlier in found]
 
@@ -129,7 +131,7 @@ def without_outliers(prompts: Prompts, outliers: list[OutlierPrompt]) -> Prompts
 
 
 def _against(
-    graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks, o: PromptOutlierOptions
+    graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks, options: PromptOutlierOptions
 ) -> list[OutlierPrompt]:
     outliers = []
     around = np.array([[0, 0], [10, 0], [-10, 0], [0, 10], [0, -10]])
@@ -138,6 +140,6 @@ def _against(
             # A click a few pixels over the edge is no contradiction: take the kindest neighbour.
             here = regions[graph.regions[index].at(click + around)]
             probability = float(here.max() if positive else here.min())
-            if (probability < o.certain) if positive else (probability > 1 - o.certain):
+            if (probability < options.certain) if positive else (probability > 1 - options.certain):
                 outliers.append(OutlierPrompt(index, positive, row, probability))
     return outliers

@@ -102,12 +102,17 @@ def draw_skyline(
     return drawn | gap
 
 
-def _reach(mask: NDArray[np.bool_], o: SkyOptions) -> int:
-    return max(3, round(o.skyline_reach * max(mask.shape)))
+def _reach(mask: NDArray[np.bool_], options: SkyOptions) -> int:
+    return max(3, round(options.skyline_reach * max(mask.shape)))
 
 
 def _like_sky(
-    lab: NDArray[np.float32], mask: NDArray[np.bool_], sky: NDArray[np.bool_], least: float, step: float, o: SkyOptions
+    lab: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    sky: NDArray[np.bool_],
+    least: float,
+    step: float,
+    options: SkyOptions,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return pixels near the sky, those like it, and those that are sky, [H, W] each.
 
@@ -115,18 +120,20 @@ def _like_sky(
         least: contrast (CIELAB) between sky and building from which pixels of the mask may be sky.
         step: from the sky (CIELAB) up to which a pixel may be like it.
     """
-    reach = _reach(mask, o)
+    reach = _reach(mask, options)
     sure = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
     if not sure.any():
         none = np.zeros_like(mask)
         return none, none, none
     above = masked_mean(lab, sure, 2.0 * reach)
     below = masked_mean(lab, shrink(mask, reach), 2.0 * reach)
-    known = below.weight > o.least_weight
+    known = below.weight > options.least_weight
     contrast = distance(above.colour, below.colour)
-    most = np.where(known, np.clip(0.4 * contrast, o.skyline_steps[0], step), np.float32(o.skyline_steps[0]))
+    most = np.where(
+        known, np.clip(0.4 * contrast, options.skyline_steps[0], step), np.float32(options.skyline_steps[0])
+    )
     like = distance(lab, enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
-    near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > o.least_weight)
+    near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > options.least_weight)
     clear = near & like & _joined(like & (near | sure), sure)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
     clear &= enlarge(((contrast > least) | ~known).astype(np.float32), mask.shape) > 0.5
@@ -142,7 +149,7 @@ def _joined(mask: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.boo
     return np.asarray(held[pieces], bool)
 
 
-def _even(regions: Regions, sky: NDArray[np.int64], o: SkyOptions) -> NDArray[np.bool_]:
+def _even(regions: Regions, sky: NDArray[np.int64], options: SkyOptions) -> NDArray[np.bool_]:
     """Return regions whose colour is what the sky around would have there; a pale roof is not, though no edge parts
     it."""
     result = np.ones(len(sky), bool)
@@ -159,23 +166,25 @@ def _even(regions: Regions, sky: NDArray[np.int64], o: SkyOptions) -> NDArray[np
             away = np.linalg.norm(colour - basis[rows] @ fit, axis=1)
             scale = max(float(np.median(away)), 0.5)
             weight = regions.area[rows] / (1 + (away / (2 * scale)) ** 2)
-        result[rows] = away < max(o.gradient_step, o.gradient_spread * scale)
+        result[rows] = away < max(options.gradient_step, options.gradient_spread * scale)
     return result
 
 
-def _with_rim(regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64], o: SkyOptions) -> NDArray[np.int64]:
+def _with_rim(
+    regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64], options: SkyOptions
+) -> NDArray[np.int64]:
     """Return the pieces grown by regions of the same colour beside them: next to an edge no region is smooth."""
     result = sky.copy()
     a, b = np.concatenate([regions.pairs, regions.pairs[:, ::-1]]).T
     colour = np.linalg.norm(regions.features[a, :3] - regions.features[b, :3], axis=1)
-    joins = (sky[a] > 0) & (sky[b] == 0) & (colour < o.steps[-1]) & (points[b] == 0)
+    joins = (sky[a] > 0) & (sky[b] == 0) & (colour < options.steps[-1]) & (points[b] == 0)
     result[b[joins]] = sky[a[joins]]
     return result
 
 
-def _pieces(regions: Regions, step: float, o: SkyOptions) -> NDArray[np.int64]:
+def _pieces(regions: Regions, step: float, options: SkyOptions) -> NDArray[np.int64]:
     """Label the connected pieces of smooth regions without an edge between them, [S]."""
-    smooth = regions.features[:, 3] <= o.smooth
+    smooth = regions.features[:, 3] <= options.smooth
     a, b = regions.pairs.T
     open_ = (regions.contrast <= step) & smooth[a] & smooth[b]
     return label_components(len(regions.area), a[open_], b[open_]).astype(np.int64)

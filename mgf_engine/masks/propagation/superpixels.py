@@ -92,16 +92,25 @@ def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = Superpixe
     )
 
 
-def _superpixels(small: NDArray[np.uint8], o: SuperpixelOptions) -> NDArray[np.int32]:
+def _superpixels(small: NDArray[np.uint8], options: SuperpixelOptions) -> NDArray[np.int32]:
     """Compute SLIC labels 0..S-1 without gaps; tiny photos become one region per pixel block."""
-    if min(small.shape[:2]) < 2 * o.side:
+    if min(small.shape[:2]) < 2 * options.side:
         h, w = small.shape[:2]
         ys, xs = np.mgrid[0:h, 0:w] // 2
         return (ys * ((w + 1) // 2) + xs).astype(np.int32)
     smooth = cv2.GaussianBlur(small, (3, 3), 0.7)
     labels = np.empty(small.shape[:2], np.int32)
     picture = np.ascontiguousarray(cv2.cvtColor(smooth, cv2.COLOR_RGB2LAB))
-    if call("mgf_superpixels", *labels.shape, picture, o.side, o.compactness, o.rounds, o.speck, labels):
+    if call(
+        "mgf_superpixels",
+        *labels.shape,
+        picture,
+        options.side,
+        options.compactness,
+        options.rounds,
+        options.speck,
+        labels,
+    ):
         raise MemoryError("Not enough memory to cut the photo into regions; work at a lower resolution.")
     return labels
 

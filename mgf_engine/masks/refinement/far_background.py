@@ -106,32 +106,36 @@ def remove_far_background(
 
 
 def _beside(
-    photo: NDArray[np.uint8], labels: NDArray[np.uint8], view: View, up: NDArray[np.float64], o: FarBackgroundOptions
+    photo: NDArray[np.uint8],
+    labels: NDArray[np.uint8],
+    view: View,
+    up: NDArray[np.float64],
+    options: FarBackgroundOptions,
 ) -> ElevationColors:
     """Return the usual colour of each level in one photo's background."""
-    level = _level_of(view, up, o)
-    chosen = (level >= 0) & shrink(labels == BACKGROUND, o.rim)
+    level = _level_of(view, up, options)
+    chosen = (level >= 0) & shrink(labels == BACKGROUND, options.rim)
     order = np.argsort(level[chosen], kind="stable")
     colours = _colour(photo)[chosen][order]
-    cuts = np.searchsorted(level[chosen][order], np.arange(o.levels + 1))
-    result = ElevationColors(np.zeros((o.levels, 3), np.float32), np.zeros(o.levels, np.float32))
+    cuts = np.searchsorted(level[chosen][order], np.arange(options.levels + 1))
+    result = ElevationColors(np.zeros((options.levels, 3), np.float32), np.zeros(options.levels, np.float32))
     for row, (start, end) in enumerate(pairwise(cuts)):
-        if end - start >= o.least_pixels:
+        if end - start >= options.least_pixels:
             here = colours[start:end]
             usual = np.median(here, axis=0)
-            near = o.spread * float(np.median(np.linalg.norm(here - usual, axis=1)))
-            result.colour[row], result.near[row] = usual, max(near, o.least)
+            near = options.spread * float(np.median(np.linalg.norm(here - usual, axis=1)))
+            result.colour[row], result.near[row] = usual, max(near, options.least)
     return result
 
 
-def _agreed(found: list[ElevationColors], o: FarBackgroundOptions) -> list[ElevationColors]:
+def _agreed(found: list[ElevationColors], options: FarBackgroundOptions) -> list[ElevationColors]:
     """Return each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has
     none."""
     colour, near = np.stack([f.colour for f in found]), np.stack([f.near for f in found])
-    good = (near > 0) & (near < o.most)
-    enough = good.sum(0) >= o.least_photos
+    good = (near > 0) & (near < options.most)
+    enough = good.sum(0) >= options.least_photos
     usual, spread = _median(colour, good), _median(near, good)
-    good &= np.linalg.norm(colour - usual, axis=2) < o.usual
+    good &= np.linalg.norm(colour - usual, axis=2) < options.usual
     result = []
     for own, known, has in zip(found, good, near > 0, strict=True):
         width = np.where(has, own.near * known, spread) * enough
@@ -152,18 +156,18 @@ def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: Elevation
 
 
 def _holds_points(
-    alike: NDArray[np.bool_], level: NDArray[np.int16], points: NDArray[np.floating], o: FarBackgroundOptions
+    alike: NDArray[np.bool_], level: NDArray[np.int16], points: NDArray[np.floating], options: FarBackgroundOptions
 ) -> bool:
     """Tell whether the building's own points lie in what looks like background."""
     y, x = pixel_at(alike.shape, points)
-    here = shrink(alike, o.rim)[y, x][level[y, x] >= 0]
-    return bool(len(here) >= o.enough_points and here.mean() > o.alike_points)
+    here = shrink(alike, options.rim)[y, x][level[y, x] >= 0]
+    return bool(len(here) >= options.enough_points and here.mean() > options.alike_points)
 
 
-def _level_of(view: View, up: NDArray[np.float64], o: FarBackgroundOptions) -> NDArray[np.int16]:
+def _level_of(view: View, up: NDArray[np.float64], options: FarBackgroundOptions) -> NDArray[np.int16]:
     """Return the row of each pixel's level, -1 below and above all, [H, W]."""
-    level = np.floor((elevation(view, up) - o.elevations[0]) / o.step).astype(np.int16)  # sorted fast
-    level[level >= o.levels] = -1
+    level = np.floor((elevation(view, up) - options.elevations[0]) / options.step).astype(np.int16)  # sorted fast
+    level[level >= options.levels] = -1
     return np.maximum(level, -1)
 
 

@@ -217,23 +217,25 @@ class GroundFinder:
         return warped, seen
 
 
-def _counting(photos: int, o: GroundHomographyOptions) -> int:
+def _counting(photos: int, options: GroundHomographyOptions) -> int:
     """Return how many of the best photos count; at least ``least_photos`` of the options are compared."""
-    return max(o.least_photos - 1, round(o.best * photos))
+    return max(options.least_photos - 1, round(options.best * photos))
 
 
-def _alike_around(lab: NDArray[np.uint8], ground: NDArray[np.bool_], o: GroundHomographyOptions) -> NDArray[np.bool_]:
+def _alike_around(
+    lab: NDArray[np.uint8], ground: NDArray[np.bool_], options: GroundHomographyOptions
+) -> NDArray[np.bool_]:
     """Find pixels near the ground whose colour is as close to its local mean as most of the ground's pixels, [H, W]."""
-    result, near = np.zeros_like(ground), near_ground(ground, o.reach)
+    result, near = np.zeros_like(ground), near_ground(ground, options.reach)
     box = _box_of(near)
     if box is None:
         return result
     # A mean reaches less far than this: what is beyond the part changes nothing.
-    top, left = max(0, box.top - 5 * o.reach), max(0, box.left - 5 * o.reach)
-    part = slice(top, box.top + box.height + 5 * o.reach), slice(left, box.left + box.width + 5 * o.reach)
+    top, left = max(0, box.top - 5 * options.reach), max(0, box.left - 5 * options.reach)
+    part = slice(top, box.top + box.height + 5 * options.reach), slice(left, box.left + box.width + 5 * options.reach)
     here, colour = ground[part], _smooth(np.ascontiguousarray(lab[part]))
-    away = distance(colour, enlarge(masked_mean(colour, here, o.reach).colour, here.shape))
-    result[part] = near[part] & (away < np.percentile(away[here], o.usual))
+    away = distance(colour, enlarge(masked_mean(colour, here, options.reach).colour, here.shape))
+    result[part] = near[part] & (away < np.percentile(away[here], options.usual))
     return result
 
 
@@ -254,8 +256,8 @@ def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(cv2.transform(cv2.blur(lab, (3, 3)).astype(np.float32), np.diag([100 / 255, 1, 1])), np.float32)
 
 
-def _without_specks(mask: NDArray[np.bool_], o: GroundHomographyOptions) -> NDArray[np.bool_]:
+def _without_specks(mask: NDArray[np.bool_], options: GroundHomographyOptions) -> NDArray[np.bool_]:
     _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    large = stats[:, cv2.CC_STAT_AREA] >= o.smallest
+    large = stats[:, cv2.CC_STAT_AREA] >= options.smallest
     large[0] = False
     return np.asarray(large[pieces], bool)

@@ -84,8 +84,8 @@ class MirrorTest:
             index: of the view.
             found: pixels that show the plane of the ground, bool [H, W].
         """
-        o, view, result = self.options, self.scene.views[index], np.zeros_like(found)
-        pixels = _grid(found, o)
+        options, view, result = self.options, self.scene.views[index], np.zeros_like(found)
+        pixels = _grid(found, options)
         if not len(pixels):
             return result
         depth = self.ground.depth(view, view.height, view.width)[pixels[:, 1], pixels[:, 0]]
@@ -94,8 +94,8 @@ class MirrorTest:
         total, weight = np.zeros((2, *found.shape), np.float32)
         x, y = pixels[known].T
         total[y, x], weight[y, x] = score[known], 1.0
-        total, weight = (cv2.GaussianBlur(part, (0, 0), o.spread) for part in (total, weight))
-        return np.asarray(found & (total > o.correlation * weight) & (weight > _LEAST_WEIGHT), bool)
+        total, weight = (cv2.GaussianBlur(part, (0, 0), options.spread) for part in (total, weight))
+        return np.asarray(found & (total > options.correlation * weight) & (weight > _LEAST_WEIGHT), bool)
 
     def _agreement(self, index: int, pixels: NDArray[np.int64], places: Array) -> Array:
         """Compute the mean correlation with the best of the photos from other sides, NaN where too few see it, [N].
@@ -105,9 +105,9 @@ class MirrorTest:
             pixels: x, y of the middles of its patches, [N, 2].
             places: on the ground, [N, 3].
         """
-        o, window = self.options, _window(self.options.radius)
+        options, window = self.options, _window(self.options.radius)
         own = _patches(self._light(index), pixels[:, None] + window)
-        result = np.full((len(pixels), o.photos), np.nan)
+        result = np.full((len(pixels), options.photos), np.nan)
         for column, other in enumerate(self._others(index, places)):
             rows = np.flatnonzero(self._sees(index, other, places))
             if not len(rows):
@@ -116,30 +116,30 @@ class MirrorTest:
             flat = pixels[rows, None] + window
             at = np.concatenate([flat, np.ones_like(flat[..., :1])], -1) @ matrix.T
             theirs = _patches(self._light(other), at[..., :2] / at[..., 2:])
-            result[rows, column] = _correlation(own[rows], theirs, o.texture)
-        best = np.sort(np.where(np.isfinite(result), result, -1.0), axis=1)[:, -o.best :]
-        return np.where(np.isfinite(result).sum(1) >= o.best, best.mean(1), np.nan)
+            result[rows, column] = _correlation(own[rows], theirs, options.texture)
+        best = np.sort(np.where(np.isfinite(result), result, -1.0), axis=1)[:, -options.best :]
+        return np.where(np.isfinite(result).sum(1) >= options.best, best.mean(1), np.nan)
 
     def _others(self, index: int, places: Array) -> list[int]:
         """Choose photos from beside and from the other side of the middle of the places, half of each at most."""
-        o, middle = self.options, np.median(places, axis=0)
+        options, middle = self.options, np.median(places, axis=0)
         centres = np.stack([view.centre for view in self.scene.views])
         angle = self._angle(centres[index] - middle, centres - middle)
         order = np.argsort(angle, kind="stable")
-        beside = [int(i) for i in order if o.least_angle < angle[i] <= o.opposite]
-        opposite = [int(i) for i in order if angle[i] > o.opposite]
-        return beside[: o.photos // 2] + opposite[: o.photos // 2]
+        beside = [int(i) for i in order if options.least_angle < angle[i] <= options.opposite]
+        opposite = [int(i) for i in order if angle[i] > options.opposite]
+        return beside[: options.photos // 2] + opposite[: options.photos // 2]
 
     def _sees(self, index: int, other: int, places: Array) -> NDArray[np.bool_]:
         """Tell whether another photo shows places [N, 3] beside the building or from its other side, bool [N]."""
-        o, view = self.options, self.scene.views[other]
-        uv, _, framed = view.project_into_frame(places, margin=3 * o.radius)
+        options, view = self.options, self.scene.views[other]
+        uv, _, framed = view.project_into_frame(places, margin=3 * options.radius)
         own, theirs = self.scene.views[index].centre - places, view.centre - places
         scale = np.linalg.norm(theirs, axis=1) / np.linalg.norm(own, axis=1)
-        framed &= (scale > o.scales[0]) & (scale < o.scales[1])
+        framed &= (scale > options.scales[0]) & (scale < options.scales[1])
         near = self._near_mask[other]
         x, y = np.clip(np.nan_to_num(uv) // 4, 0, np.array(near.shape[::-1]) - 1).astype(np.int64).T
-        return np.asarray(framed & ((near[y, x] == 0) | (self._angle(own, theirs) > o.opposite)), bool)
+        return np.asarray(framed & ((near[y, x] == 0) | (self._angle(own, theirs) > options.opposite)), bool)
 
     def _angle(self, first: Array, second: Array) -> Array:
         """Compute the horizontal angle between directions [3] or [N, 3] each, degrees [N]."""
@@ -154,10 +154,11 @@ class MirrorTest:
         return self.photos.lightness(index).astype(np.float32) * np.float32(100 / 255)
 
 
-def _grid(found: NDArray[np.bool_], o: MirroredGroundOptions) -> NDArray[np.int64]:
+def _grid(found: NDArray[np.bool_], options: MirroredGroundOptions) -> NDArray[np.int64]:
     """Choose the found pixels (x, y) of a grid whose patches lie within the photo, [N, 2]."""
-    y, x = np.nonzero(found[o.radius : -o.radius : o.step, o.radius : -o.radius : o.step])
-    return np.stack([x, y], 1) * o.step + o.radius
+    inner = slice(options.radius, -options.radius, options.step)
+    y, x = np.nonzero(found[inner, inner])
+    return np.stack([x, y], 1) * options.step + options.radius
 
 
 def _window(radius: int) -> NDArray[np.int64]:

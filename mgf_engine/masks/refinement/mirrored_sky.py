@@ -61,19 +61,19 @@ def find_mirrored_sky(
         points: sparse points of the building, [N, 3]; where there are none, nothing is a mirror image.
         options: rays, and how many photos must hold their places.
     """
-    o, height, width = options, *holes.shape
+    height, width = holes.shape
     mirrored = np.zeros_like(holes)
     if not len(points) or not holes.any():
         return mirrored
     count, pieces = cv2.connectedComponents(holes.astype(np.uint8), connectivity=4)
-    grid = (np.arange(height)[:, None] + np.arange(width)) % o.step == 0  # every row and column has rays
+    grid = (np.arange(height)[:, None] + np.arange(width)) % options.step == 0  # every row and column has rays
     y, x = np.nonzero(holes & grid)
-    box = percentile_box(points, o.percentiles, o.padding)
-    places = _along_rays(scene.views[index], np.stack([x, y], 1).astype(np.float64) + 0.5, box, o.samples)
-    share = _held_share(scene, labels, [i for i in views if i != index], places.reshape(-1, 3), o)
+    box = percentile_box(points, options.percentiles, options.padding)
+    places = _along_rays(scene.views[index], np.stack([x, y], 1).astype(np.float64) + 0.5, box, options.samples)
+    share = _held_share(scene, labels, [i for i in views if i != index], places.reshape(-1, 3), options)
     best = share.reshape(places.shape[:2]).max(1)
     rays = np.bincount(pieces[y, x], minlength=count)
-    held = np.bincount(pieces[y, x], best >= o.held, minlength=count)
+    held = np.bincount(pieces[y, x], best >= options.held, minlength=count)
     closed = (rays > 0) & (2 * held >= rays)
     mirrored[:] = holes & closed[pieces]
     return mirrored
@@ -91,7 +91,7 @@ def _along_rays(view: View, uv: Array, box: tuple[Array, Array], samples: int) -
 
 
 def _held_share(
-    scene: Scene, labels: Sequence[NDArray[np.uint8]], views: Sequence[int], places: Array, o: MirroredSkyOptions
+    scene: Scene, labels: Sequence[NDArray[np.uint8]], views: Sequence[int], places: Array, options: MirroredSkyOptions
 ) -> Array:
     """Return the share of the photos that show places [N, 3] on the building, 0 where too few show them at all, [N]."""
     held, shown = np.zeros((2, len(places)))
@@ -102,4 +102,4 @@ def _held_share(
         label = labels[other][y, x]
         held[framed] += building(label)
         shown[framed] += label != IGNORE
-    return np.where(shown >= o.least_views, held / np.maximum(shown, 1), 0.0)
+    return np.where(shown >= options.least_views, held / np.maximum(shown, 1), 0.0)

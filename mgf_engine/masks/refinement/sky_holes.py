@@ -92,19 +92,19 @@ def find_sky_holes(
     return np.asarray(good[pieces] & over, bool)
 
 
-def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int, o: SkyHoleOptions) -> NDArray[np.bool_]:
+def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int, options: SkyHoleOptions) -> NDArray[np.bool_]:
     """Erode a piece to where points count, off its edge, bool [H, W]; all of it where hardly anything is left."""
-    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * o.rim + 1,) * 2, np.uint8), borderValue=1) > 0
-    large = np.bincount(pieces[deep], minlength=count) >= o.deep
+    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * options.rim + 1,) * 2, np.uint8), borderValue=1) > 0
+    large = np.bincount(pieces[deep], minlength=count) >= options.deep
     return np.asarray(gaps & (deep | ~large[pieces]), bool)
 
 
-def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_], o: SkyHoleOptions) -> float:
+def _pale(lab: NDArray[np.float32], body: NDArray[np.bool_], sky: NDArray[np.bool_], options: SkyHoleOptions) -> float:
     """Return the share of the pixels of ``body`` that have a colour of the sky, give or take a bin."""
-    size = int(256 / o.bin)
+    size = int(256 / options.bin)
 
     def places(where: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], ...]:
-        bins = (lab[where] + np.array([0, 128, 128], np.float32)) / o.bin
+        bins = (lab[where] + np.array([0, 128, 128], np.float32)) / options.bin
         return tuple(np.clip(bins, 0, size - 1).astype(np.uint8).T)
 
     known = np.zeros((size,) * 3, np.uint8)
@@ -119,10 +119,10 @@ def _contrasts(
     body: NDArray[np.bool_],
     pieces: NDArray[Any],
     count: int,
-    o: SkyHoleOptions,
+    options: SkyHoleOptions,
 ) -> NDArray[np.float64]:
     """Return CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
-    around = masked_mean(lab, body, o.around * max(body.shape))
+    around = masked_mean(lab, body, options.around * max(body.shape))
     away = distance(lab, enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
     sums = np.bincount(pieces[gaps], away[gaps], minlength=count)
     return np.asarray(sums / np.maximum(np.bincount(pieces[gaps], minlength=count), 1), np.float64)

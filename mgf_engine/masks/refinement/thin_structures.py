@@ -130,27 +130,29 @@ def find_thin_structures(
 
 
 def _missed(
-    prompts: Prompts, labels: Sequence[NDArray[np.uint8]], o: ThinStructureOptions
+    prompts: Prompts, labels: Sequence[NDArray[np.uint8]], options: ThinStructureOptions
 ) -> list[tuple[int, int, NDArray[np.float64]]]:
     """Return positive clicks with no building around them: view, row, pixel."""
     result: list[tuple[int, int, NDArray[np.float64]]] = []
     for index, clicks in prompts.items():
-        near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * o.near + 1,) * 2, np.uint8))
+        near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * options.near + 1,) * 2, np.uint8))
         outside = near[pixel_at(near.shape, clicks.positive)] == 0
         result += [(index, int(row), clicks.positive[row]) for row in np.flatnonzero(outside)]
     return result
 
 
 def _hull(
-    scene: Scene, outlines: Sequence[SkySilhouette], accepted: NDArray[np.bool_], o: ThinStructureOptions
+    scene: Scene, outlines: Sequence[SkySilhouette], accepted: NDArray[np.bool_], options: ThinStructureOptions
 ) -> SilhouetteHull:
     """Carve the hull of the unexplained silhouettes around the building."""
     low, high = np.percentile(scene.points[accepted], (1, 99), axis=0)
-    centre, size = (low + high) / 2, o.space * float((high - low).max())
+    centre, size = (low + high) / 2, options.space * float((high - low).max())
     pixel = float(np.median([np.linalg.norm(v.centre - centre) / v.fx for v in scene.views]))
-    telling = np.argsort([-int(o.solid.sum()) for o in outlines], kind="stable")[: o.largest]
+    telling = np.argsort([-int(outline.solid.sum()) for outline in outlines], kind="stable")[: options.largest]
     views = [scene.views[i] for i in telling]
-    return carve(views, [outlines[i] for i in telling], centre - size / 2, size, o.cell * pixel, o.silhouette)
+    return carve(
+        views, [outlines[i] for i in telling], centre - size / 2, size, options.cell * pixel, options.silhouette
+    )
 
 
 def _clicked(
@@ -158,15 +160,15 @@ def _clicked(
     hull: SilhouetteHull,
     parts: NDArray[np.int64],
     missed: Sequence[tuple[int, int, NDArray[np.float64]]],
-    o: ThinStructureOptions,
+    options: ThinStructureOptions,
 ) -> tuple[set[int], set[tuple[int, int]]]:
     """Return parts that clicks in enough photos fall on, and those clicks."""
     on: dict[int, set[tuple[int, int]]] = {}
     centres = hull.centres
     for index, row, click in missed:
         uv, depth = scene.views[index].project(centres)
-        hit = (depth > 0) & (np.abs(uv - click) <= o.near).all(1)
+        hit = (depth > 0) & (np.abs(uv - click) <= options.near).all(1)
         for part in np.unique(parts[hit]).tolist():
             on.setdefault(part, set()).add((index, row))
-    wanted = {part for part, clicks in on.items() if len({index for index, _ in clicks}) >= o.photos}
+    wanted = {part for part, clicks in on.items() if len({index for index, _ in clicks}) >= options.photos}
     return wanted, {click for part in wanted for click in on[part]}
