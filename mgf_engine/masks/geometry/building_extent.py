@@ -85,7 +85,7 @@ class BuildingExtent:
 
     Args:
         scene: photos, cameras and sparse points.
-        shape: spacing, flatness and height of the points.
+        features: spacing, flatness and height of the points.
         keep: points of the building, bool [P].
         ground: the plane below it; None takes the level of the lowest points.
         visibility: the points that each photo observed and should observe.

@@ -31,7 +31,7 @@ class PointVisibility:
 
     Args:
         scene: photos, points and their tracks.
-        shape: normals of the points.
+        features: normals of the points.
         sparse: number of points, the first ones, that are of structure from motion; of others no photo is expected to
             have a track. None for all.
         options: which cameras should see the same points.
@@ -45,7 +45,7 @@ class PointVisibility:
         options: PointVisibilityOptions = PointVisibilityOptions(),
     ) -> None:
         self.options = options
-        self.scene, self.shape, self.owner = scene, features, scene.track_point
+        self.scene, self.features, self.owner = scene, features, scene.track_point
         self._tracked = np.arange(len(scene.points)) < (len(scene.points) if sparse is None else sparse)
         centres = np.stack([v.centre for v in scene.views])
         self._rays = scene.points[self.owner] - centres[scene.track_view]
@@ -63,7 +63,7 @@ class PointVisibility:
         if index not in self._expected:
             towards = self.scene.points - self.scene.views[index].centre
             length = np.linalg.norm(towards, axis=1)
-            facing = np.abs((towards * self.shape.normals).sum(1)) > self.options.steep * length
+            facing = np.abs((towards * self.features.normals).sum(1)) > self.options.steep * length
             mine, (nearest, farthest) = length[self.owner], self.options.same_distance
             cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
             alike = (

@@ -119,7 +119,8 @@ class MaskCorrection:
         thin = self._add_thin_structures(ground, accepted)
         if opened or thin is not None:
             remove_far_background(
-                self.scene, self.labels, self.graph.shape.up, lambda i: observed_pixels(self.scene, i, accepted),
+                self.scene, self.labels, self.graph.point_features.up,
+                lambda i: observed_pixels(self.scene, i, accepted),
                 self.graph.threads, self.config.algorithm(FarBackgroundOptions),
             )  # fmt: skip
         return None if thin is None else thin.explained
@@ -186,7 +187,7 @@ class MaskCorrection:
         lab = lab_of(self.scene.photo(index))
         drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
         observed, options = self.scene.track_uv[self.scene.observations(index)], self.config.algorithm(SkyHoleOptions)
-        through = find_sky_holes(lab, drawn | seen, sky, view, self.graph.shape.up, observed, options)
+        through = find_sky_holes(lab, drawn | seen, sky, view, self.graph.point_features.up, observed, options)
         if panes is not None:
             through &= ~panes
         pierced = _Pierced(np.packbits(through), labels.copy()) if through.any() else None
@@ -207,7 +208,7 @@ class MaskCorrection:
     def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
         """Add clicked steelwork that the masks miss; outlier clicks count, too: superpixels are too coarse for it."""
         known = SceneContext(
-            self.scene, accepted, self.graph.shape.up, self.plane, self._sky,
+            self.scene, accepted, self.graph.point_features.up, self.plane, self._sky,
             lambda index: self._of_regions(index, self.graph.plants),
         )  # fmt: skip
         options = self.config.algorithm(ThinStructureOptions)

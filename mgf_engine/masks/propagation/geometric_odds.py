@@ -65,9 +65,12 @@ class GeometricOdds:
     def __init__(self, graph: LabelGraph, extent: ExtentOptions = ExtentOptions()) -> None:
         self.graph, self.options, self._extent_options = graph, graph.options, extent
         added = graph.full is not graph.scene
-        features = self.options.features
-        self.full_shape = measure_point_features(graph.full, graph.shape.up, features) if added else graph.shape
-        self.visibility = PointVisibility(graph.full, self.full_shape, len(graph.scene.points), self.options.visibility)
+        self.full_features = graph.point_features
+        if added:
+            self.full_features = measure_point_features(graph.full, graph.point_features.up, self.options.features)
+        self.visibility = PointVisibility(
+            graph.full, self.full_features, len(graph.scene.points), self.options.visibility
+        )
         pieces = np.split(graph.sky, graph.start[1:])
         photos = zip(graph.scene.views, graph.regions, pieces, strict=False)  # the last pieces are the points'
         self._sky_behind = sky_behind(graph.full.points, photos, self.options.floaters)
@@ -104,7 +107,7 @@ class GeometricOdds:
         point_odds += own.apart_odds * apart
         if keep.sum() < 10:
             return evidence
-        over[:] = find_superstructures(graph.scene.points, keep, graph.shape, own.superstructures)
+        over[:] = find_superstructures(graph.scene.points, keep, graph.point_features, own.superstructures)
         evidence.odds[:] += own.over_odds * evidence.over
         keep |= over & (points > own.other_below)
         others = apart | ((points < own.other_below) & ~point_grounded & ~over & self._far_from(keep))
@@ -131,8 +134,8 @@ class GeometricOdds:
         graph = self.graph
         if ground is None:
             return np.zeros(graph.point_count), np.zeros(graph.added_count)
-        added = ground.holds(graph.full, self.full_shape)[graph.point_count :]
-        return ground.holds(graph.scene, graph.shape), added
+        added = ground.holds(graph.full, self.full_features)[graph.point_count :]
+        return ground.holds(graph.scene, graph.point_features), added
 
     def silhouettes(self, probability: Array, placed: GeometricEvidence, views: Sequence[int]) -> Array:
         """Compute the log-odds of regions by the silhouettes of all other photos, [N]; 0 for other nodes.
@@ -166,8 +169,10 @@ class GeometricOdds:
 
         Such a plane is a plinth that the clicks take for a part of the building: no evidence against it.
         """
-        ground = find_ground(self.graph.scene, self.graph.shape, 1 - points, seed, self.options.ground)
-        if ground is None or not self._clicks_reject(ground.holds(self.graph.scene, self.graph.shape), prompts):
+        ground = find_ground(self.graph.scene, self.graph.point_features, 1 - points, seed, self.options.ground)
+        if ground is None or not self._clicks_reject(
+            ground.holds(self.graph.scene, self.graph.point_features), prompts
+        ):
             return None
         return ground
 
@@ -175,7 +180,7 @@ class GeometricOdds:
         """Find the points that are probably the building [P], and such points apart from every click [P]."""
         graph, probable = self.graph, points > self.options.building_above
         clicked = clicked_groups(
-            graph.scene.points, probable, graph.clicked_points(prompts), graph.shape, self.options.features
+            graph.scene.points, probable, graph.clicked_points(prompts), graph.point_features, self.options.features
         )
         return probable & clicked, probable & ~clicked
 
@@ -275,7 +280,7 @@ class GeometricOdds:
         if others is not None:
             others = np.concatenate([others, np.zeros(len(keep) - len(others), bool)])
         return BuildingExtent(
-            self.graph.full, self.full_shape, keep, ground, self.visibility, others, self._extent_options
+            self.graph.full, self.full_features, keep, ground, self.visibility, others, self._extent_options
         )
 
     def floaters(self, prompts: Prompts) -> NDArray[np.bool_]:
@@ -287,7 +292,7 @@ class GeometricOdds:
 
     def _far_from(self, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return points farther from all kept ones than a wall is from the roof on it, [P]."""
-        gap = float(self.options.other_gap * np.median(self.graph.shape.spacing[keep]))
+        gap = float(self.options.other_gap * np.median(self.graph.point_features.spacing[keep]))
         distance, _ = cKDTree(self.graph.scene.points[keep]).query(
             self.graph.scene.points, distance_upper_bound=np.nextafter(gap, np.inf), workers=self.graph.threads
         )

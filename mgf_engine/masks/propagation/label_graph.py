@@ -33,6 +33,8 @@ class LabelGraph:
             nodes: trees and clouds would spread through them.
 
     Attributes:
+        point_features: spacing, normals and neighbours of the scene's sparse points.
+        features: appearance of the regions; ``point_appearance`` its mean over the regions that show each point.
         start: first node of each photo's regions, and their number, [V + 1].
         observed: region node of each observation of the scene, [T]; ``added_observed`` those of the added points.
         laplacian: sparse [N, N]; degree: sum of each node's edge weights, [N].
@@ -49,7 +51,7 @@ class LabelGraph:
         options: RandomWalkerOptions = RandomWalkerOptions(),
         sky: SkyOptions = SkyOptions(),
     ) -> None:
-        self.scene, self.regions, self.shape, self.options = scene, regions, features, options
+        self.scene, self.regions, self.point_features, self.options = scene, regions, features, options
         self.threads, self.full = threads, scene if full is None else full
         self.start = np.concatenate([[0], np.cumsum([len(r.area) for r in regions])]).astype(np.int64)
         self.region_count, self.point_count = int(self.start[-1]), len(scene.points)
@@ -61,10 +63,10 @@ class LabelGraph:
         self.laplacian, self.degree = self._laplacian(features)
         rows = np.repeat(np.arange(len(self.degree)), np.diff(self.laplacian.indptr))
         self._diagonal = np.flatnonzero(self.laplacian.indices == rows)  # of the matrix, in its data
-        self.point_features = self._point_features(features)
+        self.point_appearance = self._point_appearance(features)
         self.sky = self._sky(sky)
         self.plants = np.concatenate(
-            [vegetation_probability(self.features), vegetation_probability(self.point_features)]
+            [vegetation_probability(self.features), vegetation_probability(self.point_appearance)]
         )
 
     def solve(self, stiffness: Array, source: Array, start: Array | None) -> Array:
@@ -157,7 +159,7 @@ class LabelGraph:
         degree = np.asarray(ties.sum(1)).ravel()
         return (sparse.diags(degree) - ties).tocsr(), degree
 
-    def _point_features(self, features: PointFeatures) -> Array:
+    def _point_appearance(self, features: PointFeatures) -> Array:
         owner = self.scene.track_point
         mean = np.zeros((self.point_count, self.features.shape[1]))
         np.add.at(mean, owner, self.features[self.observed])

@@ -113,10 +113,10 @@ class _Propagator:
         )
         self.reporter.progress(0.4)
         up = find_up(self.scene, (), self.threads, self.config.algorithm(GravityOptions)).vector
-        self.shape = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
+        self.point_features = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
         self.graph = LabelGraph(
-            self.scene, self.regions, self.shape, self.threads, self.full, self.config.algorithm(RandomWalkerOptions),
-            self.config.algorithm(SkyOptions),
+            self.scene, self.regions, self.point_features, self.threads, self.full,
+            self.config.algorithm(RandomWalkerOptions), self.config.algorithm(SkyOptions),
         )  # fmt: skip
         self.walker = LabelPropagation(self.graph, self.config.algorithm(ExtentOptions))
         outliers = self._drop_outlier_prompts()

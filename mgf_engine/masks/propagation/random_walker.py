@@ -119,7 +119,7 @@ class LabelPropagation:
         r, options = self.graph.region_count, self.options.appearance
         kinds = (
             (self.graph.features, self.graph.area, slice(0, r), FEATURE_SCALE),
-            (self.graph.point_features, np.ones(self.graph.point_count), slice(r, None), POINT_SCALE),
+            (self.graph.point_appearance, np.ones(self.graph.point_count), slice(r, None), POINT_SCALE),
         )
 
         def fit(number: int) -> Mixture | None:

@@ -45,9 +45,10 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def extent(scene: Scene) -> BuildingExtent:
-    shape = measure_point_features(scene)
-    ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
-    return BuildingExtent(scene, shape, np.repeat([True, False], [WALL, GROUND]), ground, PointVisibility(scene, shape))
+    features = measure_point_features(scene)
+    ground = find_ground(scene, features, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    keep = np.repeat([True, False], [WALL, GROUND])
+    return BuildingExtent(scene, features, keep, ground, PointVisibility(scene, features))
 
 
 def at(plane: np.ndarray, view: View, point: list[float]) -> object:
@@ -58,17 +59,17 @@ def at(plane: np.ndarray, view: View, point: list[float]) -> object:
 
 def test_up_and_normals(scene: Scene):
     assert up_from_cameras(scene) @ [0, 0, 1] > 0.999
-    shape = measure_point_features(scene)
-    upright = np.abs(shape.normals @ shape.up)
+    features = measure_point_features(scene)
+    upright = np.abs(features.normals @ features.up)
     assert np.median(upright[:WALL]) < 0.05 and np.median(upright[WALL:]) > 0.95
 
 
 def test_ground_is_found_and_holds_its_own_points(scene: Scene):
-    shape = measure_point_features(scene)
-    ground = find_ground(scene, shape, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    features = measure_point_features(scene)
+    ground = find_ground(scene, features, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
     assert ground is not None
     assert ground.normal @ [0, 0, 1] > 0.999 and abs(ground.level) < 0.02
-    held = ground.holds(scene, shape) > 0.5
+    held = ground.holds(scene, features) > 0.5
     assert held[WALL:].mean() > 0.95 and not held[:WALL].any()
 
 
@@ -109,11 +110,11 @@ def test_a_ray_that_meets_the_ground_within_the_plan_has_passed_a_wall(scene: Sc
         errors=np.zeros(len(with_ground), np.float32), track_start=np.zeros(len(with_ground) + 1, np.int64),
         track_view=none, track_uv=np.zeros((0, 2), np.float32),
     )  # fmt: skip
-    shape = measure_point_features(bare)
+    features = measure_point_features(bare)
     keep = np.arange(len(with_ground)) < count
-    ground = find_ground(bare, shape, (~keep).astype(float), 0)
+    ground = find_ground(bare, features, (~keep).astype(float), 0)
     assert ground is not None
-    place = BuildingExtent(bare, shape, keep, ground, PointVisibility(bare, shape)).view_regions(1)
+    place = BuildingExtent(bare, features, keep, ground, PointVisibility(bare, features)).view_regions(1)
     view = bare.views[1]
     assert at(place.core, view, [0, 0, 0.4]) and not at(place.ground_first, view, [0, 0, 0.4])
     assert at(place.ground_first, view, [0, -0.6, 0]) and not at(place.core, view, [0, -0.6, 0])
@@ -124,9 +125,9 @@ def test_a_point_astray_adds_nothing(scene: Scene):
     astray = replace(scene, points=scene.points.copy())
     first = int(np.argmax(scene.points[:WALL, 2] - np.abs(scene.points[:WALL, 0] - 1.8)))
     astray.points[first] = [2.4, 0, 2.8]
-    shape = measure_point_features(astray)
+    features = measure_point_features(astray)
     keep = np.repeat([True, False], [WALL, GROUND])
-    place = BuildingExtent(astray, shape, keep, None, PointVisibility(astray, shape)).view_regions(1)
+    place = BuildingExtent(astray, features, keep, None, PointVisibility(astray, features)).view_regions(1)
     assert not at(place.reach, scene.views[1], [2.4, 0, 2.8]) and at(place.reach, scene.views[1], [1.8, 0, 2.8])
 
 
@@ -152,22 +153,22 @@ def test_hidden_where_expected_points_are_missing(scene: Scene, extent: Building
 
 
 def test_nothing_kept(scene: Scene):
-    shape = measure_point_features(scene)
+    features = measure_point_features(scene)
     empty = BuildingExtent(
-        scene, shape, np.zeros(WALL + GROUND, bool), None, PointVisibility(scene, shape)
+        scene, features, np.zeros(WALL + GROUND, bool), None, PointVisibility(scene, features)
     ).view_regions(0)
     assert not empty.core.any() and not empty.ground_first.any() and not empty.hidden.any()
 
 
 def test_a_second_building_without_clicks_is_another_group(scene: Scene):
     twice = np.concatenate([scene.points[:WALL], scene.points[:WALL] + np.array([9.0, 0, 0])])
-    shape = measure_point_features(scene)
-    shape = type(shape)(**{**shape.__dict__, "spacing": np.repeat(shape.spacing[:WALL], 2)})
+    features = measure_point_features(scene)
+    features = type(features)(**{**features.__dict__, "spacing": np.repeat(features.spacing[:WALL], 2)})
     keep = np.ones(2 * WALL, bool)
-    groups = clicked_groups(twice, keep, np.array([5]), shape)
+    groups = clicked_groups(twice, keep, np.array([5]), features)
     assert groups[:WALL].all() and not groups[WALL:].any()
-    assert clicked_groups(twice, keep, np.array([5, WALL + 5]), shape).all()
-    assert clicked_groups(twice, keep, np.zeros(0, np.int64), shape).all()
+    assert clicked_groups(twice, keep, np.array([5, WALL + 5]), features).all()
+    assert clicked_groups(twice, keep, np.zeros(0, np.int64), features).all()
 
 
 def test_convex_hull_spans_gaps_and_leaves_out_small_pieces() -> None:

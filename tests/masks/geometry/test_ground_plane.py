@@ -36,8 +36,8 @@ def test_a_lawn_is_the_ground_and_points_on_it_are_rated() -> None:
     wall = np.stack([np.linspace(-2, 2, 200), np.zeros(200), np.random.default_rng(0).uniform(0.5, 3, 200)], 1)
     points = np.concatenate([plane(0.0), wall])
     made = scene(points, 1.6)
-    shape = measure_point_features(made)
-    found = find_ground(made, shape, np.ones(len(points)), 0)
+    features = measure_point_features(made)
+    found = find_ground(made, features, np.ones(len(points)), 0)
     assert isinstance(found, GroundPlane) and found.normal @ [0, 0, 1.0] > 0.999
     assert np.abs(found.height(np.array([[1.0, 2.0, 0.0], [0, 0, 2.0]])) - [0, 2]).max() < 0.05
 

@@ -28,8 +28,8 @@ def wall(coarse: float) -> SampledSurface:
     rng = np.random.default_rng(2)
     points = np.stack([rng.uniform(-2, 2, 20_000), np.full(20_000, -1.0), rng.uniform(1, 3, 20_000)], 1)
     blank = _scene(points)
-    shape = measure_point_features(blank)
-    return make_surface(blank, shape, np.ones(len(points), bool), discs=True, coarse=coarse)
+    features = measure_point_features(blank)
+    return make_surface(blank, features, np.ones(len(points), bool), discs=True, coarse=coarse)
 
 
 def _scene(points: np.ndarray) -> Scene:
@@ -119,9 +119,9 @@ def columns_below(points: np.ndarray) -> np.ndarray:
     """Where the columns under these points are at half their height, [K, 2]."""
     blank = _scene(points)
     ground = GroundPlane(np.array([0.0, 0, 1]), 0.0, 0.01)
-    shape, every = measure_point_features(blank), np.ones(len(points), bool)
-    over = Overhangs(points, shape.up, float(np.median(shape.spacing)))
-    samples = make_surface(blank, shape, every, discs=False, columns=Columns(over, ground)).samples
+    features, every = measure_point_features(blank), np.ones(len(points), bool)
+    over = Overhangs(points, features.up, float(np.median(features.spacing)))
+    samples = make_surface(blank, features, every, discs=False, columns=Columns(over, ground)).samples
     return samples[np.abs(samples[:, 2] - 1.5) < 0.3, :2]
 
 

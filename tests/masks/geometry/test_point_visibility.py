@@ -21,11 +21,11 @@ def visibility(
 ) -> PointVisibility:  # fmt: skip
     scene = make_scene([view(str(k), x) for k, x in enumerate(places)], POINTS, TRACKS)
     zero = np.zeros(3)
-    shape = PointFeatures(
+    features = PointFeatures(
         np.array([0.0, -1, 0]), zero + 1, np.tile(normal, (3, 1)).astype(float), zero, zero, np.zeros((0, 2), np.int64),
         np.zeros(0), np.zeros(3, bool),
     )  # fmt: skip
-    return PointVisibility(scene, shape, sparse, options)
+    return PointVisibility(scene, features, sparse, options)
 
 
 def test_what_a_photo_observed_is_what_its_tracks_say() -> None:

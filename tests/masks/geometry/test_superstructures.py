@@ -25,30 +25,30 @@ def site() -> np.ndarray:
     return np.concatenate([walls, spire, tree, yard])
 
 
-def features(points: np.ndarray) -> PointFeatures:
+def features_of(points: np.ndarray) -> PointFeatures:
     return measure_point_features(make_scene([view("a", 0)], points, [[] for _ in points]), UP)
 
 
 def test_too_few_points_carry_nothing() -> None:
     points = site()
-    shape = features(points)
-    assert not find_superstructures(points, np.zeros(len(points), bool), shape).any()
-    assert not find_superstructures(points, np.arange(len(points)) < 9, shape).any()
+    features = features_of(points)
+    assert not find_superstructures(points, np.zeros(len(points), bool), features).any()
+    assert not find_superstructures(points, np.arange(len(points)) < 9, features).any()
 
 
 def test_a_spire_stands_on_the_building_and_a_tree_beside_it_does_not() -> None:
     points = site()
-    over = find_superstructures(points, np.arange(len(points)) < WALLS, features(points))
+    over = find_superstructures(points, np.arange(len(points)) < WALLS, features_of(points))
     spire, tree, yard = np.split(over[WALLS:], 3)
     assert spire.all() and not tree.any() and not yard.any()
 
 
 def test_only_what_is_high_for_its_surroundings_counts() -> None:
     points = site()
-    keep, shape = np.arange(len(points)) < WALLS, features(points)
-    over = find_superstructures(points, keep, shape)
+    keep, features = np.arange(len(points)) < WALLS, features_of(points)
+    over = find_superstructures(points, keep, features)
     assert points[over, 2].min() > 0.7 * 2.5
-    assert find_superstructures(points, keep, shape, SuperstructureOptions(height=0.2))[WALLS + 2 * FEW :].any()
+    assert find_superstructures(points, keep, features, SuperstructureOptions(height=0.2))[WALLS + 2 * FEW :].any()
 
 
 def test_chimneys_stand_anywhere_on_the_building() -> None:
@@ -58,6 +58,6 @@ def test_chimneys_stand_anywhere_on_the_building() -> None:
     spots = np.concatenate([1.5 * corners, 4.5 * corners]).repeat(FEW, 0)
     chimneys = np.column_stack([spots + rng.normal(0, 0.05, spots.shape), rng.uniform(3.2, 4, len(spots))])
     points = np.concatenate([walls, chimneys])
-    over = find_superstructures(points, np.arange(len(points)) < WALLS, features(points))
+    over = find_superstructures(points, np.arange(len(points)) < WALLS, features_of(points))
     on, beside = np.split(over[WALLS:], 2)
     assert on.all() and not beside.any()

@@ -132,7 +132,8 @@ def test_points_before_the_sky_are_no_part_of_the_extent(scene: Scene, graph: La
     wall = heights(scene) > 1.0
     wrong = np.flatnonzero(wall)[:3]
     points = scene.points.copy()
-    points[wrong] = points[wall].mean(0) + 0.9 * np.ptp(points[wall] @ graph.shape.up) * graph.shape.up
+    up = graph.point_features.up
+    points[wrong] = points[wall].mean(0) + 0.9 * np.ptp(points[wall] @ up) * up
     moved = replace_scene(graph, replace(scene, points=points))
     prompts = {VIEWS[0]: click(scene, wall)}
     floaters = GeometricOdds(moved).floaters(prompts)

@@ -67,11 +67,11 @@ def graph_of(
         np.array([((column + 0.5) * SIDE, SIDE / 2) for _, column in seen], np.float32).reshape(-1, 2),
         Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path(),
     )  # fmt: skip
-    shape = PointFeatures(
+    features = PointFeatures(
         np.array([0.0, -1.0, 0.0]), np.ones(count), np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros(count),
         np.zeros(count), np.array(pairs, np.int64).reshape(-1, 2), np.ones(len(pairs)), np.zeros(count, bool),
     )  # fmt: skip
-    return LabelPropagation(LabelGraph(scene, photos, shape))
+    return LabelPropagation(LabelGraph(scene, photos, features))
 
 
 def joined(walker: LabelPropagation, values: dict[int, float]) -> np.ndarray:
@@ -119,8 +119,8 @@ def test_points_have_the_mean_features_of_their_regions_and_those_of_their_surfa
     photos = [strip([0.0], [[0.0] * 6, [2.0] * 6]), strip([], [[4.0] * 6])]
     graph = graph_of(photos, [[(0, 1), (1, 0)], [(0, 0)]]).graph
     normals = np.array([[0, 1.0, 0], [0.8, -0.6, 0]])  # up is -y; a normal may point down
-    shape = replace(graph.shape, normals=normals, flatness=np.array([1.0, 0.5]))
-    found = LabelGraph(graph.scene, photos, shape).point_features
+    features = replace(graph.point_features, normals=normals, flatness=np.array([1.0, 0.5]))
+    found = LabelGraph(graph.scene, photos, features).point_appearance
     assert found == pytest.approx(np.array([[3.0] * 6 + [6, 4], [0.0] * 6 + [6 * 0.5 * 0.6, 2]]))
 
 
