@@ -2,7 +2,7 @@
 """Merge vertices in flat parts of the level set (vertex clustering), to speed up all later steps.
 
 The tetrahedra are as small as the Gaussians, even on plain walls. Vertices in one plane and one grid cell are merged;
-edges, bars and whatever is thinner than a cell keep every vertex (``native/csrc/mesh/flat.c``).
+edges, bars and whatever is thinner than a cell keep every vertex (``native/csrc/mesh/merge_flat.c``).
 """
 
 from __future__ import annotations

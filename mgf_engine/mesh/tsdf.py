@@ -138,7 +138,7 @@ class TsdfField:
     ) -> Iterator[T]:
         """Integrate all views at points [N, 3], and yield ``evaluate(samples)`` for each CHUNK of points.
 
-        Samples are struct TsdfSample of ``native/csrc/mesh/fuse.c``.
+        Samples are struct TsdfSample of ``native/csrc/mesh/tsdf.c``.
         """
         views = np.array([self._view_struct(m) for m in self.maps], _VIEW)
 
@@ -156,7 +156,7 @@ class TsdfField:
             yield result
 
     def _view_struct(self, m: DepthMap) -> tuple[Any, ...]:
-        """Return a depth map as struct TrustedView of ``native/csrc/mesh/fuse.c``."""
+        """Return a depth map as struct TrustedView of ``native/csrc/mesh/tsdf.c``."""
         arrays = m.mask.ctypes.data, m.pixels.ctypes.data, m.rows.ctypes.data
         numbers = m.view.height, m.view.width, self.band / m.view.fx, self.options.least_slope
         return (*pose_and_intrinsics(m.view), *arrays, *numbers)

@@ -121,7 +121,7 @@ def test_a_mask_without_an_inside_needs_no_map() -> None:
 def plain_samples(
     points: np.ndarray, views: list[View], maps: list[np.ndarray], mask: np.ndarray, band: float
 ) -> list[dict[str, float]]:
-    """What ``native/csrc/mesh/fuse.c`` does, point by point: a dict per point."""
+    """What ``native/csrc/mesh/tsdf.c`` does, point by point: a dict per point."""
     result = []
     for point in points:
         said = dict.fromkeys(("weight", "sum", "covered", "outside", "seen", "near", "judging", "behind"), 0.0)

@@ -37,7 +37,7 @@ def test_keypoints_meet_projections(model: str, resolution: int, tmp_path: Path)
     scene = load(source, tmp_path / "job", resolution=resolution)
     errors = reprojection(scene)
     assert len(errors) > 0.5 * 4 * 60  # the crop of strong lenses may lose some
-    # float32 pixels and COLMAP's iterative undistortion; METHOD asks for pixels, not for bits.
+    # float32 pixels and COLMAP's iterative undistortion: to a hundredth of a pixel, not to the bit.
     assert errors.max() < 0.01
     for view in scene.views:
         assert max(view.width, view.height) <= resolution

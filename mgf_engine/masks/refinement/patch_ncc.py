@@ -19,7 +19,7 @@ PATCH = 5  # px, the side; the kernel's, too
 class Patches:
     """A photo's patches, ready to be compared with others: uint8 CIELAB [h, w, 3].
 
-    The comparison itself is ``csrc/stereo/patches.c``.
+    The comparison itself is ``csrc/stereo/compare_patches.c``.
 
     Args:
         lab: of the photo.

@@ -10,7 +10,8 @@
 #include "common/export.h"
 #include "geometry/predicates.h"
 
-enum { OUTSIDE = -1, FREE = -2, MORE = -1, FLAT = -2, STOPPED = -3, NO_MEMORY = -4, ASK = 1024, FEW = 48 };
+enum { OUTSIDE = -1, FREE = -2, MORE = -1, FLAT = -2, STOPPED = -3, NO_MEMORY = -4 };
+enum { ASK = 1024, FEW = 48 };  // points between two looks at `stop`; lists up to this are sorted by insertion
 // Corners of the face opposite of each corner, outward.
 static const int FACE[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 

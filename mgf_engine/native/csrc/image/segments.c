@@ -51,7 +51,8 @@ static int same_colour(const float *a, const float *b, double most) {
     return 0;
 }
 
-// How well segment m covers the projected line a-b, 0..1.
+// How well segment m covers a line in its photo, 0..1: from a [2] along the unit direction d [2], `length` pixels; both
+// ends of the segment must lie within `reach` pixels of it.
 static double support(const Segments *s, int32_t m, const double *a, const double *d, double length, double reach) {
     const double *e = s->ends + 4 * m;
     const double e1 = fabs((e[0] - a[0]) * d[1] - (e[1] - a[1]) * d[0]);
@@ -113,6 +114,7 @@ static int line_of(const Segments *s, int64_t n, int32_t m, double least_sine, c
     return 1;
 }
 
+// Whether segment m lies on a line in space, within a pixel.
 static int covers(const Segments *s, int32_t m, const Line *line) {
     double a[2], b[2];
     const double *p = s->projection + 12 * s->view[m];
@@ -127,7 +129,7 @@ static int covers(const Segments *s, int32_t m, const Line *line) {
 /* lines [n][2][3] and score [n]: of each segment the line in space that most photos see, score 0 where there is none.
    neighbours [views][count]: photos each photo is compared with, -1 for none; box [2][3]: lines must lie in it. */
 MGF_API void mgf_match_segments(int32_t *next, int64_t n, const Segments *s, const int32_t *neighbours, int64_t count,
-                                 const double *box, float least_sine, double *lines, double *score) {
+                                const double *box, float least_sine, double *lines, double *score) {
     for (int64_t i = take_work(next); i < n; i = take_work(next)) {
         const int32_t *others = neighbours + count * s->view[i];
         score[i] = 0;
@@ -265,7 +267,7 @@ static void extend(const Segments *s, const int32_t *rows, int64_t views, Line *
    that supports it, -1 for none; residuals [n][views]: px, the larger of both ends, INFINITY for none; ends
    [n][views][2]: what of the line each photo shows, from its first point. pixel: of the ground, in units of space. */
 MGF_API void mgf_fit_segments(int32_t *next, int64_t n, const Segments *s, const int32_t *own, float pixel,
-                               double *lines, int32_t *rows, float *residuals, double *ends) {
+                              double *lines, int32_t *rows, float *residuals, double *ends) {
     for (int64_t i = take_work(next); i < n; i = take_work(next)) {
         Line line;
         double score;

@@ -151,7 +151,7 @@ static int64_t connect(const Picture *p, int64_t smallest, int32_t *queue, int32
    compactness: colour distance that counts as much as `side` pixels; smallest: percent of the usual size below which a
    piece joins another. labels [height][width], from 0. Returns 0, or 1 without memory. */
 MGF_API int64_t mgf_superpixels(int64_t height, int64_t width, const uint8_t *picture, int64_t side, float compactness,
-                            int64_t rounds, int64_t smallest, int32_t *labels) {
+                                int64_t rounds, int64_t smallest, int32_t *labels) {
     const int64_t stride = width + MARGIN, size = height * stride;
     const int64_t columns = (2 * width + side) / (2 * side), rows = (2 * height + side) / (2 * side);
     const int64_t number = rows * columns;

@@ -18,6 +18,7 @@ static const double LENGTH = 1e-4;  // of the squared length of an edge, added t
 
 /* What an edge becomes. */
 
+// Where the vertex goes that takes the place of both ends.
 static Point target(const Mesh *m, int32_t a, int32_t b, const Quadric *sum) {
     if (m->rim[a] != m->rim[b]) return m->at[m->rim[a] ? a : b];
     const Point along = minus(m->at[b], m->at[a]), middle = plus(m->at[a], along, 0.5);
@@ -28,6 +29,7 @@ static Point target(const Mesh *m, int32_t a, int32_t b, const Quadric *sum) {
     return plus(m->at[a], along, fmin(fmax(t, 0), 1));
 }
 
+// Puts an edge into the queue, at the cost of its collapse: squared distances times areas, and those of the colours.
 static void offer(Mesh *m, int32_t a, int32_t b) {
     const Quadric sum = quadric_sum(m->quadric + a, m->quadric + b);
     const Point along = minus(m->at[b], m->at[a]);
@@ -41,8 +43,10 @@ static void offer(Mesh *m, int32_t a, int32_t b) {
     }
     push(m, (Entry){(float)cost, a < b ? a : b, a < b ? b : a, m->stamp[a] + m->stamp[b]});
 }
+
 /* The collapse itself. */
 
+// Collapses b into a, which moves to `where`; each sample around goes to the face that was noted for it.
 static void apply(Mesh *m, const Star *star, int32_t a, int32_t b, Point where, const float color[3]) {
     const Quadric sum = quadric_sum(m->quadric + a, m->quadric + b);
     m->quadric[a] = sum, m->at[a] = where, memcpy(m->color[a], color, sizeof m->color[a]);
@@ -79,6 +83,7 @@ static void offer_around(Mesh *m, int32_t vertex) {
     }
 }
 
+// Whether all faces around lie in this thread's slab.
 static int within(const Mesh *m, const Star *star) {
     for (int i = 0; i < star->count; i++)
         for (int k = 0; k < 3; k++)
@@ -93,6 +98,7 @@ static int fits(Mesh *m, Star *star, int32_t a, int32_t b, Point where, const fl
     return sound(star) && faithful(m, star, a, b, where, color);
 }
 
+// Collapses an edge if everything around stays as it should; returns whether it did.
 static int try_collapse(Mesh *m, int32_t a, int32_t b) {
     if (m->rim[b] && !m->rim[a]) {
         const int32_t swap = a;
@@ -155,11 +161,12 @@ static void sweep(Mesh *m, const int32_t *vertex, int64_t count, int64_t stop) {
         try_collapse(m, e.a, e.b);
     }
 }
+
 /* Begins to reduce a mesh in place; the arrays must live until mgf_collapse_end. Returns a handle, 0: no memory.
-   at, colors: [vertices][3], near the origin. given: the same places as float32, tolerance: [vertices] distance that a
-   given vertex may have from the result. color_tolerance: root mean square per channel; negative: any. */
+   at, colors: [vertices][3], near the origin. samples: the same places as float32, tolerances: [vertices] distance that a
+   sample may have from the result. color_tolerance: root mean square per channel; negative: any. */
 MGF_API int64_t mgf_collapse_begin(int64_t vertices, int64_t faces, Point *at, int32_t *face, const float *samples,
-                               const float *tolerances, const uint8_t *colors, float color_tolerance) {
+                                   const float *tolerances, const uint8_t *colors, float color_tolerance) {
     Mesh *m = calloc(1, sizeof *m);
     if (!m) return 0;
     *m = (Mesh){.vertices = vertices, .faces = faces, .live = faces, .at = at, .face = (int32_t(*)[3])face,
@@ -180,7 +187,7 @@ MGF_API void mgf_collapse_loosen(int64_t handle, float loose, float color_tolera
 /* Collapses edges within slabs number first to last - 1, a piece of work each, until `stop` faces are left (exact only
    for a single slab). slab: [vertices]; order: [vertices] by slab; start: [slabs + 1], where each begins in `order`. */
 MGF_API void mgf_collapse(int32_t *next, int64_t handle, const uint8_t *slab, const int32_t *order,
-                           const int64_t *start, int64_t first, int64_t last, int64_t stop) {
+                          const int64_t *start, int64_t first, int64_t last, int64_t stop) {
     Mesh *whole = (Mesh *)(intptr_t)handle;
     for (int64_t k; (k = first + take_work(next)) < last;) {
         Mesh m = *whole;

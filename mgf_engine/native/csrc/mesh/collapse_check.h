@@ -168,6 +168,7 @@ static double color_error(const Mesh *m, const Star *star, int i, const Foot *fo
     return sum;
 }
 
+// Notes on which face a sample would lie; 0 without memory.
 static int note(Mesh *m, int32_t sample, int32_t face) {
     if (m->places == m->place_capacity) {
         const int64_t capacity = 2 * m->place_capacity + 256;

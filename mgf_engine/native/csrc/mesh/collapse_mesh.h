@@ -83,6 +83,7 @@ static Entry pop(Mesh *m) {
 
 /* Setting up. */
 
+// How many faces share the edge of a and b.
 static int uses(const Mesh *m, int32_t a, int32_t b) {
     int count = 0;
     for (int32_t c = m->first[a]; c >= 0; c = m->next[c]) {
@@ -92,6 +93,7 @@ static int uses(const Mesh *m, int32_t a, int32_t b) {
     return count;
 }
 
+// Adds a face to its corners' quadrics; marks open rims, and chooses the face that holds each vertex as a sample.
 static void add_face(Mesh *m, int64_t i) {
     const int32_t *f = m->face[i];
     const Point *p[3] = {m->at + f[0], m->at + f[1], m->at + f[2]};

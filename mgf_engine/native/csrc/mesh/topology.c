@@ -5,7 +5,7 @@
 // of a corner leads to the next vertex of its face. All faces along an edge are found around either of its ends, and
 // around a vertex there are few: so nothing needs sorting, and every vertex can be asked by another thread.
 #include "common/export.h"
-#include "mesh/join.h"
+#include "mesh/union_find.h"
 
 enum { PIECE = 4096 };
 
@@ -66,7 +66,7 @@ static int join_fans(const Around *a, int64_t v, int32_t *parent) {
 
 /* Numbers the fans around each vertex, from 0: fan [3 * count] in the order of `corner`, fans [vertices] how many. */
 MGF_API void mgf_vertex_fans(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
-                       const int32_t *corner, int32_t *fan, int32_t *fans) {
+                             const int32_t *corner, int32_t *fan, int32_t *fans) {
     const Around a = {faces, start, corner};
     for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
         for (int64_t v = piece.from; v < piece.to; v++) {
@@ -96,7 +96,7 @@ MGF_API void mgf_vertex_fans(int32_t *next, int64_t vertices, const int32_t *fac
 
 /* Numbers the parts of a mesh that hang together by edges, in the order of their first faces: part [count]. */
 MGF_API void mgf_face_components(int64_t vertices, int64_t count, const int32_t *faces, const int32_t *start,
-                            const int32_t *corner, int32_t *part) {
+                                 const int32_t *corner, int32_t *part) {
     for (int64_t f = 0; f < count; f++) part[f] = (int32_t)f;
     for (int64_t v = 0; v < vertices; v++)
         for (int32_t i = start[v]; i < start[v + 1]; i++) {
@@ -116,7 +116,7 @@ MGF_API void mgf_face_components(int64_t vertices, int64_t count, const int32_t 
 
 /* Marks the corners whose edge no other face uses: open [3 * count]. */
 MGF_API void mgf_open_edges(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
-                             const int32_t *corner, uint8_t *open) {
+                            const int32_t *corner, uint8_t *open) {
     const Around a = {faces, start, corner};
     for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
         for (int64_t v = piece.from; v < piece.to; v++)
@@ -127,7 +127,7 @@ MGF_API void mgf_open_edges(int32_t *next, int64_t vertices, const int32_t *face
 
 /* Moves vertices [vertices][3] half way to the mean of their neighbours, but for those that are fixed. */
 MGF_API void mgf_smooth_vertices(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
-                         const int32_t *corner, const uint8_t *fixed, const double *at, double *moved) {
+                                 const int32_t *corner, const uint8_t *fixed, const double *at, double *moved) {
     for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
         for (int64_t v = piece.from; v < piece.to; v++) {
             double sum[3] = {0, 0, 0};
@@ -156,7 +156,7 @@ MGF_API void mgf_smooth_vertices(int32_t *next, int64_t vertices, const int32_t 
 
 /* Sums of the normals of the faces around each vertex, weighted by twice their areas: normal [vertices][3]. */
 MGF_API void mgf_vertex_normals(int32_t *next, int64_t vertices, const int32_t *faces, const int32_t *start,
-                                 const int32_t *corner, const double *at, double *normal) {
+                                const int32_t *corner, const double *at, double *normal) {
     for (Piece piece = take_piece(next, vertices); piece.from < vertices; piece = take_piece(next, vertices)) {
         for (int64_t v = piece.from; v < piece.to; v++) {
             double sum[3] = {0, 0, 0};

@@ -57,8 +57,8 @@ static void draw(Corner a, Corner b, Corner c, int32_t id, const Box *box, int64
 
 /* corners [n][3]: (u, v, 1/depth) of points [n][3]; all zero where they are not deeper than `near`.
    pose, intrinsics: as in view.h. */
-MGF_API void mgf_project_vertices(int32_t *next, int64_t n, const double *points, const double *pose, const double *intrinsics,
-                          float near, double *corners) {
+MGF_API void mgf_project_vertices(int32_t *next, int64_t n, const double *points, const double *pose,
+                                  const double *intrinsics, float near, double *corners) {
     for (;;) {
         const int64_t start = take_work(next) * (int64_t)PIECE, end = start + PIECE < n ? start + PIECE : n;
         if (start >= n) return;
@@ -78,7 +78,7 @@ MGF_API void mgf_project_vertices(int32_t *next, int64_t n, const double *points
 /* corners: [n][3] float64 (u, v, 1/depth), 1/depth <= 0 for vertices that are not in front: their faces are left out.
    inverse [height][width] given as zeros, face [height][width] given as -1. */
 MGF_API void mgf_zbuffer(int32_t *next, const double *corners, const int32_t *faces, int64_t count, int64_t height,
-                          int64_t width, int64_t band, float *inverse, int32_t *face) {
+                         int64_t width, int64_t band, float *inverse, int32_t *face) {
     const Corner *v = (const Corner *)corners;
     for (;;) {
         const int64_t top = take_work(next) * band;
@@ -105,7 +105,7 @@ MGF_API void mgf_zbuffer(int32_t *next, const double *corners, const int32_t *fa
    know. face [pixels], -1 for none; corners, faces as above; labels [pixels]: 0 background, `unknown`, else building;
    without labels no pixel knows. Several threads may add to the same counts. */
 MGF_API void mgf_count_pixels(int64_t pixels, const int32_t *face, const double *corners, const int32_t *faces,
-                          const uint8_t *labels, int64_t unknown, int32_t *counts) {
+                              const uint8_t *labels, int64_t unknown, int32_t *counts) {
     const Corner *v = (const Corner *)corners;
     for (int64_t i = 0; i < pixels; i++) {
         if (face[i] < 0) continue;

@@ -21,8 +21,8 @@ enum { BACKGROUND = 0, SEEN = 1, UNSEEN = 2 };
    unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE or
    unknown. pose, intrinsics: as in view.h. */
 MGF_API void mgf_locate_points(int32_t *next, int64_t n, const float *points, const double *pose,
-                                const double *intrinsics, float near, const uint8_t *labels, int64_t height,
-                                int64_t width, float *place, uint8_t *verdict, int32_t *block) {
+                               const double *intrinsics, float near, const uint8_t *labels, int64_t height,
+                               int64_t width, float *place, uint8_t *verdict, int32_t *block) {
     const int64_t tiles_x = (width + TILE - 1) / TILE;
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
@@ -77,7 +77,7 @@ typedef struct {
     int64_t count;
 } List;
 
-static int list_load(List *list, const float *records, const float *front, const int32_t *gid, int64_t count) {
+static int load_list(List *list, const float *records, const float *front, const int32_t *gid, int64_t count) {
     const int64_t padded = (count + 15) / 16 * 16;
     if (padded > list->capacity) {
         free(list->columns);
@@ -99,8 +99,7 @@ static int list_load(List *list, const float *records, const float *front, const
     return 1;
 }
 
-typedef float loose16 __attribute__((vector_size(64), aligned(4)));
-
+// A bit for each lane that is true.
 static inline uint32_t lane_bits(i16 m) {
 #if defined(__AVX512F__)
     return (uint32_t)_mm512_test_epi32_mask((__m512i)m, (__m512i)m);
@@ -116,7 +115,7 @@ typedef struct {
     float low[3], high[3]; // bounds of u, v, z
 } Group;
 
-static Group group_load(const float *place, const int32_t *order, int64_t count) {
+static Group load_group(const float *place, const int32_t *order, int64_t count) {
     Group g;
     for (int k = 0; k < 3; k++) g.low[k] = 1e30f, g.high[k] = -1e30f;
     for (int64_t l = 0; l < 16; l++) {
@@ -139,9 +138,9 @@ static v16 group_transmittance(const Group *g, const List *list, const float *re
     for (int64_t first = 0; first < list->count; first += 16) {
         const float *c = list->columns + first;
         const int64_t s = list->stride;
-        i16 near_group = (*(const loose16 *)c <= u1) & (*(const loose16 *)(c + s) >= u0);
-        near_group &= (*(const loose16 *)(c + 2 * s) <= v1) & (*(const loose16 *)(c + 3 * s) >= v0);
-        near_group &= *(const loose16 *)(c + 4 * s) <= z1;
+        i16 near_group = (load16(c) <= u1) & (load16(c + s) >= u0);
+        near_group &= (load16(c + 2 * s) <= v1) & (load16(c + 3 * s) >= v0);
+        near_group &= load16(c + 4 * s) <= z1;
         if (!any(near_group)) continue;
         for (uint32_t bits = lane_bits(near_group); bits; bits &= bits - 1) {
             const float *r = records + (int64_t)gid[first + __builtin_ctz(bits)] * REC_SIZE;
@@ -188,8 +187,8 @@ static void sort_by_depth(int32_t *order, int64_t count, const float *place) {
    order, starts: from mgf_sort_points (order is sorted further). stop: transmittance at which a point is dark enough.
    Sets *failed when memory is short. */
 MGF_API void mgf_point_opacity(int32_t *next, int64_t tiles, const float *records, const int32_t *gid,
-                                 const int32_t *ranges, const float *front, const float *place, int32_t *order,
-                                 const int32_t *starts, float near, float stop, float *lowest, int32_t *failed) {
+                               const int32_t *ranges, const float *front, const float *place, int32_t *order,
+                               const int32_t *starts, float near, float stop, float *lowest, int32_t *failed) {
     List list = {0};
     for (;;) {
         const int64_t tile = take_work(next);
@@ -197,7 +196,7 @@ MGF_API void mgf_point_opacity(int32_t *next, int64_t tiles, const float *record
         if (starts[tile * BLOCKS] == starts[(tile + 1) * BLOCKS]) continue;
         const int32_t *own = gid + ranges[tile];
         const int64_t count = ranges[tile + 1] - ranges[tile];
-        if (count && !list_load(&list, records, front, own, count)) {
+        if (count && !load_list(&list, records, front, own, count)) {
             *failed = 1;
             break;
         }
@@ -206,7 +205,7 @@ MGF_API void mgf_point_opacity(int32_t *next, int64_t tiles, const float *record
             sort_by_depth(order + starts[b], starts[b + 1] - starts[b], place);
             for (int64_t i = starts[b]; i < starts[b + 1]; i += 16) {
                 const int64_t lanes = starts[b + 1] - i < 16 ? starts[b + 1] - i : 16;
-                const Group g = group_load(place, order + i, lanes);
+                const Group g = load_group(place, order + i, lanes);
                 const v16 opacity = 1.0f - group_transmittance(&g, &list, records, own, near, stop);
                 for (int64_t l = 0; l < lanes; l++) {
                     float *low = lowest + 2 * (int64_t)order[i + l];

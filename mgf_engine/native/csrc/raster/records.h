@@ -2,7 +2,7 @@
 // What the projection of one Gaussian hands to the kernels that blend it: 32 floats, and the camera they were made for.
 //
 // A Gaussian with centre m and covariance S (both in the camera frame, 3D filter included) answers a ray t -> t d,
-// d = (x', y', 1), so that t is the depth along the optical axis, with its largest value on that ray (METHOD: eps(t*)):
+// d = (x', y', 1), so that t is the depth along the optical axis, with its largest value on that ray (eq. 6-11):
 //     power = -q / (2 A),   t* = B / A,   contribution = min(0.99, opacity * exp(power)),
 // where, with (dx, dy) = pixel - projected centre,
 //     q = q0 dx^2 + 2 q1 dx dy + q2 dy^2                       squared distance of the ray from the centre, times |r_c|^2

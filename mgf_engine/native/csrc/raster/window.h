@@ -28,32 +28,33 @@ static const float W[2 * R + 1] = {0.00102838f, 0.00759876f, 0.03600077f, 0.1093
 static inline int64_t clamp(int64_t v, int64_t low, int64_t high) { return v < low ? low : (v > high ? high : v); }
 
 /* Copy columns first..first+count of an image row into line[0..], zeros where the image ends. */
-static inline void load_line(const float *row, int64_t width, int64_t first, int64_t count, int64_t padded, float *line) {
-  int64_t a = clamp(-first, 0, count), b = clamp(width - first, a, count);
-  memset(line, 0, sizeof(float) * a);
-  memcpy(line + a, row + first + a, sizeof(float) * (b - a));
-  memset(line + b, 0, sizeof(float) * (padded - b));
+static inline void load_line(const float *row, int64_t width, int64_t first, int64_t count, int64_t padded,
+                             float *line) {
+    int64_t a = clamp(-first, 0, count), b = clamp(width - first, a, count);
+    memset(line, 0, sizeof(float) * a);
+    memcpy(line + a, row + first + a, sizeof(float) * (b - a));
+    memset(line + b, 0, sizeof(float) * (padded - b));
 }
 
 /* Horizontal blur of one line: out[i] = sum_j W[j] line[i + j]. */
 WIDE static inline void blur_line(const float *line, int64_t n, float *out) {
-  for (int64_t i = 0; i < n; i += LANES) {
-    vec sum = {0};
-    UNROLL for (int j = 0; j <= 2 * R; j++) sum += W[j] * *(const loose *)(line + i + j);
-    *(vec *)(out + i) = sum;
-  }
+    for (int64_t i = 0; i < n; i += LANES) {
+        vec sum = {0};
+        UNROLL for (int j = 0; j <= 2 * R; j++) sum += W[j] * *(const loose *)(line + i + j);
+        *(vec *)(out + i) = sum;
+    }
 }
 
 /* Vertical blur in place: row r of the result is sum_j W[j] rows[r + j]; four rows at a time share their loads. */
 WIDE static inline void blur_columns(float *rows, int64_t count, int64_t n) {
-  for (int64_t i = 0; i < n; i += LANES)
-    for (int64_t r = 0; r < count; r += 4) {
-      vec sum[4] = {{0}, {0}, {0}, {0}};
-      UNROLL for (int j = 0; j < 2 * R + 4; j++) {
-        vec v = *(const vec *)(rows + (r + j) * n + i);
-        UNROLL for (int k = 0; k < 4; k++)
-          if (j - k >= 0 && j - k <= 2 * R) sum[k] += W[j - k] * v;
-      }
-      UNROLL for (int k = 0; k < 4; k++) *(vec *)(rows + (r + k) * n + i) = sum[k];
-    }
+    for (int64_t i = 0; i < n; i += LANES)
+        for (int64_t r = 0; r < count; r += 4) {
+            vec sum[4] = {{0}, {0}, {0}, {0}};
+            UNROLL for (int j = 0; j < 2 * R + 4; j++) {
+                vec v = *(const vec *)(rows + (r + j) * n + i);
+                UNROLL for (int k = 0; k < 4; k++)
+                    if (j - k >= 0 && j - k <= 2 * R) sum[k] += W[j - k] * v;
+            }
+            UNROLL for (int k = 0; k < 4; k++) *(vec *)(rows + (r + k) * n + i) = sum[k];
+        }
 }

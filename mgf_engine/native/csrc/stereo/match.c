@@ -116,9 +116,9 @@ static v16 step_of(const Photo *others, int64_t count, const Pixels *pixels, flo
    [n] to their number. jump: share of the depth by which pixels of one surface differ from its plane at most; hidden: by
    which the neighbour's own depth may differ; texture: least deviation of brightness. */
 MGF_API void mgf_match_photos(int32_t *next, int64_t n, const int32_t *pixels, const float *normals, float length,
-                               int64_t steps, const Photo *first, const float *inverse_intrinsics,
-                               const Photo *others, int64_t neighbours, float jump, float hidden, float texture,
-                               float *step, float *scores, float *counts) {
+                              int64_t steps, const Photo *first, const float *inverse_intrinsics, const Photo *others,
+                              int64_t neighbours, float jump, float hidden, float texture, float *step, float *scores,
+                              float *counts) {
     if (first->width < SIDE || first->height < SIDE || steps > MOST_STEPS) return;
     for (;;) {
         const int64_t start = take_work(next) * GROUPS * VECTOR, end = start + GROUPS * VECTOR < n ? start + GROUPS * VECTOR : n;

@@ -193,11 +193,11 @@ static void compare_row(const Pair *p, int64_t y, const int32_t *seen, const uin
    colours, means over 3 x 3 pixels, uint8 [3][height][width], null without colours. fits: of `count` correlations, at
    most 0 where the colours are `colour` apart; colours: of `count` negative distances; both null without colours. alone:
    of `count_alone` correlations with the last `last` others whatever the colours are. Returns 1 without memory. */
-MGF_API int64_t mgf_compare_patches(int64_t number, int64_t height, int64_t width, int64_t channels, const uint8_t *others,
-                                const int32_t *seen, const float *lightness, const float *average,
-                                const float *variance, const uint8_t *smooth, float texture, float colour,
-                                int64_t count, float *fits, float *colours, int64_t last, int64_t count_alone,
-                                float *alone) {
+MGF_API int64_t mgf_compare_patches(int64_t number, int64_t height, int64_t width, int64_t channels,
+                                    const uint8_t *others, const int32_t *seen, const float *lightness,
+                                    const float *average, const float *variance, const uint8_t *smooth, float texture,
+                                    float colour, int64_t count, float *fits, float *colours, int64_t last,
+                                    int64_t count_alone, float *alone) {
     const int64_t wide = width + 2 * RADIUS, rows = 5 + 2 * count + count_alone;
     const Scratch scratch = {calloc((size_t)(number * 3 * wide), sizeof(double)), malloc((size_t)(rows * width) * sizeof(float)),
                        malloc((size_t)(CHANNELS * (width + 2)) * sizeof(uint16_t))};

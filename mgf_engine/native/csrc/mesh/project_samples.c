@@ -53,10 +53,11 @@ static int64_t project_block(const Projection *p, int64_t first, Seen *seen) {
     return found;
 }
 
-/* The samples that a view sees, in their order: their pixels y * width + x, depths, and radii, which are `unit` times the
+/* The samples [3][count] that a view sees by its matrix [3][4], in their order: their pixels y * width + x, depths, and radii, which are `unit` times the
    spacing [count] over the depth; [count] each, of which the first so many as are returned. */
 MGF_API int64_t mgf_project_samples(int64_t count, const float *samples, const float *spacing, const float *matrix,
-                                int64_t height, int64_t width, float unit, int32_t *places, float *depths, float *radii) {
+                                    int64_t height, int64_t width, float unit, int32_t *places, float *depths,
+                                    float *radii) {
     const Projection p = {count, height, width, samples, matrix};
     Seen seen;
     int64_t total = 0;
@@ -74,9 +75,9 @@ MGF_API int64_t mgf_project_samples(int64_t count, const float *samples, const f
 /* The least depth of the samples in each pixel of a view, by how large they look.
 
    Where a sample's depth is below so many of the limits [levels - 1], it goes into the map of that number, of nearest
-   [levels][height][width], which holds what is beyond all of them. Returns the maps used, a bit for each. */
-MGF_API int64_t mgf_nearest_samples(int64_t count, const float *samples, const float *matrix, int64_t height, int64_t width,
-                                int64_t levels, const float *limits, float *nearest) {
+   [levels][height][width], given as infinity. samples [3][count]; matrix [3][4]. Returns the maps used, a bit for each. */
+MGF_API int64_t mgf_nearest_samples(int64_t count, const float *samples, const float *matrix, int64_t height,
+                                    int64_t width, int64_t levels, const float *limits, float *nearest) {
     const Projection p = {count, height, width, samples, matrix};
     Seen seen;
     int64_t used = 0;

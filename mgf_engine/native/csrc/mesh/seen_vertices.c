@@ -14,8 +14,8 @@ typedef struct {
    the surface there, times `slack` that beyond which a vertex is hidden; inside: pixels that count. Those on the outermost
    pixels are left out. */
 MGF_API int64_t mgf_seen_vertices(int64_t n, const double *corners, const Point *points, const Point *normals,
-                              const Camera *camera, const float *farthest, const uint8_t *inside, int64_t height,
-                              int64_t width, float slack, int64_t *index, float *weight) {
+                                  const Camera *camera, const float *farthest, const uint8_t *inside, int64_t height,
+                                  int64_t width, float slack, int64_t *index, float *weight) {
     int64_t count = 0;
     for (int64_t i = 0; i < n; i++) {
         const double u = corners[3 * i], v = corners[3 * i + 1], inverse = corners[3 * i + 2];

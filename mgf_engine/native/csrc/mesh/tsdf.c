@@ -19,11 +19,12 @@ typedef struct {
 typedef struct {
     float weight, sum;                     // of the distances s / band, -1..1
     float correlation;                     // of the photos of the `near` views at the surface, added up
-    int32_t covered, outside, seen, near;  // number of views; near: that show a surface within half a band,
-    int32_t judging, behind;               // that say how far off it is, that cover the point closely
+    // Number of views that hide it behind a surface, show background there, show the building there, show a surface within
+    // half a band, say how far off the surface is, hide it closely behind one.
+    int32_t covered, outside, seen, near, judging, behind;
 } TsdfSample;
 
-// A camera that judges, with what it shows: labels [height][width]; pixel (x, y) of its map is map[rows[y] + x], there for
+// A photo's camera with what it shows: labels [height][width]; pixel (x, y) of its map is map[rows[y] + x], there for
 // all pixels labelled INSIDE and those around them; pose, intrinsics as in view.h.
 typedef struct {
     double pose[12], intrinsics[4];
@@ -36,11 +37,11 @@ typedef struct {
 } TrustedView;
 
 // Between four pixels of one surface; the nearest pixel where they belong to several.
-static inline Pixel sample(const TrustedView *j, Pixel nearest, double u, double v, float jump) {
+static inline Pixel sample(const TrustedView *view, Pixel nearest, double u, double v, float jump) {
     const double fx = u - 0.5, fy = v - 0.5;
     const int64_t x = (int64_t)__builtin_floor(fx), y = (int64_t)__builtin_floor(fy);
-    if (x < 0 || y < 0 || x + 1 >= j->width || y + 1 >= j->height) return nearest;
-    const Pixel *p = j->map + j->rows[y] + x, *q = j->map + j->rows[y + 1] + x;
+    if (x < 0 || y < 0 || x + 1 >= view->width || y + 1 >= view->height) return nearest;
+    const Pixel *p = view->map + view->rows[y] + x, *q = view->map + view->rows[y + 1] + x;
     const float a = (float)(fx - x), b = (float)(fy - y), limit = jump * nearest.depth;
     const Pixel four[4] = {p[0], p[1], q[0], q[1]};
     for (int k = 0; k < 4; k++)
@@ -59,11 +60,11 @@ typedef struct {
 } Places;
 
 // Without branches, so that several points go side by side.
-static void find_places(const TrustedView *j, const float *points, int64_t count, float near, Places *at) {
-    const double *k = j->intrinsics, width = (double)j->width, height = (double)j->height;
+static void find_places(const TrustedView *view, const float *points, int64_t count, float near, Places *at) {
+    const double *k = view->intrinsics, width = (double)view->width, height = (double)view->height;
     for (int64_t i = 0; i < count; i++) {
         double c[3];
-        to_camera(j->pose, points[3 * i], points[3 * i + 1], points[3 * i + 2], c);
+        to_camera(view->pose, points[3 * i], points[3 * i + 1], points[3 * i + 2], c);
         const double u = c[0] / c[2] * k[0] + k[2], v = c[1] / c[2] * k[1] + k[3];
         at->u[i] = u, at->v[i] = v, at->depth[i] = c[2];
         at->in_frame[i] = (c[2] > near) & (u >= 0) & (v >= 0) & (u < width) & (v < height);
@@ -71,14 +72,14 @@ static void find_places(const TrustedView *j, const float *points, int64_t count
 }
 
 // Whether a point lies so far behind a pixel's surface that what lies between it and the next pixels does not matter.
-static inline int far_behind(const TrustedView *j, const Pixel *nearest, double depth, float jump) {
+static inline int far_behind(const TrustedView *view, const Pixel *nearest, double depth, float jump) {
     const double farthest = (1.001 + jump) * nearest->depth;  // all is rounded: a little more than needed
-    return (depth - farthest) * j->least_slope > 1.001 * CLOSELY * j->band * farthest;
+    return (depth - farthest) * view->least_slope > 1.001 * CLOSELY * view->band * farthest;
 }
 
 // Adds what a view shows at a point that lies so deep.
-static void add_view(const TrustedView *j, Pixel here, double depth, TsdfSample *tsdf) {
-    const float limit = (float)j->band * here.depth;
+static void add_view(const TrustedView *view, Pixel here, double depth, TsdfSample *tsdf) {
+    const float limit = (float)view->band * here.depth;
     const float s = (float)(here.depth - depth) * here.slope;
     if (s < 0.5f * limit && s > -0.5f * limit) tsdf->near++, tsdf->correlation += here.correlation;
     if (s < -limit) {
@@ -90,29 +91,30 @@ static void add_view(const TrustedView *j, Pixel here, double depth, TsdfSample 
 }
 
 // What one view says of up to TOGETHER points.
-static void ask_view(const TrustedView *j, const float *points, int64_t count, float near, float jump, TsdfSample *samples) {
+static void ask_view(const TrustedView *view, const float *points, int64_t count, float near, float jump,
+                     TsdfSample *samples) {
     Places at;
     int32_t inside[TOGETHER], inside_count = 0;
-    find_places(j, points, count, near, &at);
+    find_places(view, points, count, near, &at);
     for (int64_t i = 0; i < count; i++) {
         if (!at.in_frame[i]) continue;
-        const uint8_t label = j->labels[(int64_t)at.v[i] * j->width + (int64_t)at.u[i]];
+        const uint8_t label = view->labels[(int64_t)at.v[i] * view->width + (int64_t)at.u[i]];
         samples[i].outside += label == OUTSIDE, samples[i].seen += label == INSIDE;
         inside[inside_count] = (int32_t)i, inside_count += label == INSIDE;
     }
     for (int32_t n = 0; n < inside_count; n++) {
         const int32_t i = inside[n];
-        const Pixel nearest = j->map[j->rows[(int64_t)at.v[i]] + (int64_t)at.u[i]];
+        const Pixel nearest = view->map[view->rows[(int64_t)at.v[i]] + (int64_t)at.u[i]];
         if (!(nearest.weight > 0)) continue;
-        if (far_behind(j, &nearest, at.depth[i], jump)) samples[i].covered++;
-        else add_view(j, sample(j, nearest, at.u[i], at.v[i], jump), at.depth[i], samples + i);
+        if (far_behind(view, &nearest, at.depth[i], jump)) samples[i].covered++;
+        else add_view(view, sample(view, nearest, at.u[i], at.v[i], jump), at.depth[i], samples + i);
     }
 }
 
 /* What `count` views together tell of points [n][3]: samples [n], given as zeros.
    jump: share of the depth by which neighbouring pixels of one surface differ at most. */
-MGF_API void mgf_integrate_depths(int32_t *next, int64_t n, const float *points, const TrustedView *views, int64_t count,
-                              float near, float jump, TsdfSample *samples) {
+MGF_API void mgf_integrate_depths(int32_t *next, int64_t n, const float *points, const TrustedView *views,
+                                  int64_t count, float near, float jump, TsdfSample *samples) {
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
         if (start >= n) return;

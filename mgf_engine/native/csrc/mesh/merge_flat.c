@@ -7,7 +7,7 @@
 #include <stdlib.h>
 
 #include "common/export.h"
-#include "mesh/join.h"
+#include "mesh/union_find.h"
 #include "mesh/triangle.h"
 
 typedef struct {
@@ -108,7 +108,7 @@ static void find_folds(const Groups *g, float even) {
    cell: [vertices]; tolerance: root mean square distance from the plane [vertices]; even: least length of the mean of the
    normals of a group's faces. */
 MGF_API int64_t mgf_merge_flat(int64_t vertices, int64_t count, Point *at, const int32_t *faces, const int32_t *cell,
-                           const float *tolerance, float even, int32_t *into) {
+                               const float *tolerance, float even, int32_t *into) {
     for (int64_t v = 0; v < vertices; v++) into[v] = (int32_t)v;
     for (int64_t c = 0; c < 3 * count; c++) {
         const int32_t a = faces[c], b = faces[c % 3 == 2 ? c - 2 : c + 1];
