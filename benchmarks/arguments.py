@@ -23,6 +23,14 @@ def count(text: str) -> int:
     return value
 
 
+def picture_size(text: str) -> tuple[int, int]:
+    """Return width and height in pixels from a text like 750x500, for argparse."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise argparse.ArgumentTypeError(f"takes a width and a height in pixels like 750x500, not '{text}'")
+    return int(width), int(height)
+
+
 def engine_options(texts: Sequence[str]) -> dict[str, str]:
     """Return the engine's options from NAME=VALUE texts, as text.
 

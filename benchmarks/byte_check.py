@@ -60,7 +60,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def painted_house(folder: Path) -> Path:
     """Write the house of the tests into a folder and return it."""
-    sys.path.insert(0, str(ROOT / "tests"))
     from benchmarks.synthetic.house import build_house
 
     return Path(build_house(folder, PHOTOS).folder)

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.chart_parts import WORK, name_in, tidy, time_axis, write_names
-from benchmarks.measure import SCORED
+from benchmarks.measure import SCORED, f1_at
 from benchmarks.page import write_html
 from benchmarks.speed_charts import speed_figure
 from benchmarks.suites import SETTINGS_APART
@@ -179,11 +179,11 @@ def _moved(now: list[Row], then: list[Row]) -> Figure:
 def _work_and_f1(rows: list[Row], threshold: float) -> dict[str, tuple[float, float]]:
     """Variant -> CPU seconds and F1 at a threshold, means over its seeds."""
 
-    def f1(row: Row) -> float:
-        return float(row["geometry"]["f1"][row["geometry"]["thresholds"].index(threshold)])
-
     same = {name: [row for row in rows if row["variant"] == name] for name in (row["variant"] for row in rows)}
-    return {name: (mean(r["cpu_seconds"] for r in mine), mean(map(f1, mine))) for name, mine in same.items()}
+    return {
+        name: (mean(r["cpu_seconds"] for r in mine), mean(f1_at(r, threshold) for r in mine))
+        for name, mine in same.items()
+    }
 
 
 def _overview(rows: list[Row]) -> Figure:

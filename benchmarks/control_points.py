@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.arguments import count
+from benchmarks.gps_exif import gps_exif
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Surface, read_surface
@@ -121,17 +122,9 @@ def write_inputs(folder: Path, out: Path, targets: Sequence[Target], noise: Nois
 
 def _stamp(photo: Path, out: Path, latitude: float, longitude: float, height: float) -> None:
     """A copy of a photo with a place in EXIF, its pixels as they are."""
-    picture, exif = Image.open(photo), Image.Exif()
-    exif[0x8825] = {
-        1: "N", 2: _sexagesimal(latitude), 3: "E", 4: _sexagesimal(longitude), 5: b"\0", 6: height,
-    }  # fmt: skip
+    picture = Image.open(photo)
     how = {"quality": "keep"} if picture.format == "JPEG" else {}
-    picture.save(out, exif=exif, **how)
-
-
-def _sexagesimal(degrees: float) -> tuple[float, float, float]:
-    minutes = 60 * (degrees % 1)
-    return float(int(degrees)), float(int(minutes)), 60 * (minutes % 1)
+    picture.save(out, exif=gps_exif(latitude, longitude, height), **how)
 
 
 def errors_of(inputs: Path, method: str, targets: Sequence[Target], resolution: int) -> dict[str, Array]:

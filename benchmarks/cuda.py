@@ -22,6 +22,7 @@ from typing import Any
 
 import torch
 
+from benchmarks.arguments import picture_size
 from mgf_engine.errors import BadInput
 from mgf_engine.field.cuda_compare import Training, compare, same_training, too_far
 from mgf_engine.field.optimiser import TRAINED
@@ -156,7 +157,7 @@ def _run_for(command: list[str], seconds: float) -> tuple[int | None, str]:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--gaussians", type=int, default=100_000)
-    parser.add_argument("--size", default="750x500")
+    parser.add_argument("--size", type=picture_size, default="750x500", help="size of the picture")
     parser.add_argument("--rounds", type=int, default=100)
     parser.add_argument("--only-compare", action="store_true", help="compare with the CPU, and nothing else")
     parser.add_argument("--racecheck", action="store_true", help="compare again under compute-sanitizer's tools")
@@ -167,7 +168,7 @@ def main(arguments: list[str] | None = None) -> int:
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2
-    width, height = (int(x) for x in given.size.split("x"))
+    width, height = given.size
     figures: dict[str, Any] = {"gpu": vars(found)}
     figures["differences from the CPU"] = compare(given.gaussians, width, height)
     failed = too_far(figures["differences from the CPU"])

@@ -102,7 +102,7 @@ def bend(spec: SceneSpec, picture: Picture, labels: bool = False) -> Picture:
 
 
 def develop(spec: SceneSpec, rendered: Picture, number: int) -> Picture:
-    """Return one photo from its rendered picture (BGR): what lens, light, sensor and compression do, in this order."""
+    """Make one photo of its rendered picture (BGR): what lens, light and sensor do, in this order."""
     rng = np.random.default_rng([spec.seed, 1, number])
     picture = np.asarray(bend(spec, rendered), dtype=np.float64)
     gain = _gains(spec, picture.shape[:2], number)

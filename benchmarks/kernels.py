@@ -21,6 +21,7 @@ import numpy as np
 import torch
 
 from benchmarks import torch_tiles
+from benchmarks.arguments import picture_size
 from mgf_engine.field import reference_losses
 from mgf_engine.field.losses import LossOptions, LossTerms, total_loss
 from mgf_engine.field.optimiser import TRAINED
@@ -173,7 +174,9 @@ def _forward_and_backward(gaussians: Gaussians, camera: Camera, backend: str) ->
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--gaussians", type=int, nargs="+", default=[50_000, 100_000], help="numbers of Gaussians")
-    parser.add_argument("--sizes", nargs="+", default=["750x500", "375x250"], help="sizes of the picture")
+    parser.add_argument(
+        "--sizes", type=picture_size, nargs="+", default=[(750, 500), (375, 250)], help="sizes of the picture"
+    )
     parser.add_argument("--outputs", nargs="+", default=["all", "basic"], choices=["all", "basic"], help="outputs")
     parser.add_argument("--rounds", type=int, default=5, help="the fastest of so many counts")
     parser.add_argument("--threads", type=int, default=0, help="0 takes every core")
@@ -183,15 +186,15 @@ def main(arguments: list[str] | None = None) -> int:
     torch.set_num_threads(1)  # waiting threads would count as CPU time
     results: list[dict[str, Any]] = []
     for n in given.gaussians:
-        for size in given.sizes:
+        for width, height in given.sizes:
+            size = f"{width}x{height}"
             for outputs in given.outputs:
-                width, height = (int(x) for x in size.split("x"))
                 clocks = parts_table(n, width, height, outputs, given.rounds)
                 results.append({"gaussians": n, "size": size, "outputs": outputs, "variants": clocks})
                 if not given.json:
                     _print_table(f"{n} Gaussians, {size}, {outputs} outputs, {library.threads()} threads", clocks)
     ratio, losses = ratio_to_twin(300, 96, 64), losses_ratio_to_twin(750, 500)
-    n, (width, height) = given.gaussians[0], map(int, given.sizes[0].split("x"))
+    n, (width, height) = given.gaussians[0], given.sizes[0]
     tiles = ratio_to_torch_tiles(n, width, height)
     if given.json:
         plain = [{**r, "variants": {k: vars(v) for k, v in r["variants"].items()}} for r in results]

@@ -13,7 +13,11 @@ import matplotlib.pyplot as plt
 
 
 def write_chart(rows: list[dict[str, Any]], path: Path) -> Path | None:
-    """Return the mean and worst IoU over clicked photos, one colour per scene; None where there is nothing to draw."""
+    """Draw mean and worst IoU over the number of clicked photos, a colour per scene, into a file.
+
+    Returns:
+        the file, None where there is nothing to draw.
+    """
     good = [r for r in rows if r["variant"] in ("1 photo", "2 photos", "3 photos", "a tenth", "a fifth")]
     good = [r for r in good if r.get("children") is not None]
     if len({r["clicked"] for r in good}) < 2:

@@ -127,7 +127,7 @@ def measure_masks(folder: Path, scene: Scene, variant: str, out: Path, segmenter
 
 
 def score_view(folder: Path, name: str, labels: NDArray[np.uint8]) -> PhotoScore:
-    """Return one photo's label map against the truth in the scene's folder, at the label map's size."""
+    """Score one photo's label map [H, W] against the truth in the scene's folder, at the label map's size."""
     h, w = labels.shape
     stem = Path(name).stem + ".png"
     true = [read_png(folder / kind / stem) for kind in ("masks", "elements")]
@@ -178,7 +178,7 @@ _COLUMNS = (
 
 
 def header() -> str:
-    """Return first line of the table."""
+    """Return the first line of the table."""
     return "  ".join(name.ljust(width) for _, name, width in _COLUMNS)
 
 

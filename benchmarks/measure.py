@@ -43,6 +43,11 @@ CROP_FOOT = 0.1
 SCORED = {"geometry": "F1", "without_openwork": "F1 without steelwork"}
 
 
+def f1_at(row: dict[str, Any], threshold: float, part: str = "geometry") -> float:
+    """Return F1 in percent at one of a row's thresholds, metres; ``part`` is the key of its scores."""
+    return float(row[part]["f1"][row[part]["thresholds"].index(threshold)])
+
+
 def origin() -> dict[str, str]:
     """Return what a figure was measured with and when: ``commit``, ``machine`` and ``date``."""
     git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*"]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.catalogue import scene_spec
-from benchmarks.measure import THRESHOLDS
+from benchmarks.measure import THRESHOLDS, f1_at
 from benchmarks.scenes import make_scene
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.model_cameras import cameras_of
@@ -81,8 +81,7 @@ def find_meshes(out: Path, scene: str, variants: Sequence[str]) -> dict[str, Pat
 
 
 def _f1(row: Row) -> str:
-    scores = row["geometry"]
-    return " / ".join(f"{scores['f1'][scores['thresholds'].index(t)]:.1f}" for t in THRESHOLDS)
+    return " / ".join(f"{f1_at(row, t):.1f}" for t in THRESHOLDS)
 
 
 def scene_row(folder: Path, number: int, meshes: dict[str, Path], width: int) -> Picture:

@@ -2,10 +2,9 @@
 """How near the blending kernels come to what the processor can do: ``python -m benchmarks.roofline``.
 
 Both limits are measured: multiply-adds on registers alone (``csrc/common/peak.c``), and reading and writing large
-arrays. Operations are counted from the source, per pixel of a block in which something was blended
-(``OPERATIONS``); pixels of
-blocks that a footprint touches in vain are work, but no use, and do not count. All rates are per second of CPU time of
-one core, so that they hold on a busy machine.
+arrays. Operations are counted from the source, per pixel of a block in which something was blended (``OPERATIONS``);
+pixels of blocks that a footprint touches in vain are work, but no use, and do not count. All rates are per second of
+CPU time of one core, so that they hold on a busy machine.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import torch
 
+from benchmarks.arguments import picture_size
 from mgf_engine.field.synthetic import building, corner_view
 from mgf_engine.native import library
 from mgf_engine.raster import cpu
@@ -121,11 +121,11 @@ def _fastest(run: Callable[[], object], rounds: int) -> float:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--gaussians", type=int, default=100_000)
-    parser.add_argument("--size", default="750x500")
+    parser.add_argument("--size", type=picture_size, default="750x500", help="size of the picture")
     parser.add_argument("--rounds", type=int, default=7, help="the fastest of so many counts")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args(arguments)
-    width, height = (int(x) for x in given.size.split("x"))
+    width, height = given.size
     found = []
     for name in library.runnable_variants():
         library.use_variant(name)

@@ -113,8 +113,10 @@ def render_views(
     shots = plan(spec.photos, extent, spec.rings, nadir, spec.exposure, spec.exposure_spread, rng, spec.arc)
     eyes = _poses(shots)[:, :3]
     around = surroundings(extent, eyes, rng, spec.trees, spec.trees_in_front, spec.neighbours, spec.cars, spec.wall)
-    _write_job(folder, spec, [*building, *around], element_ids(building), shots, threads)
-    _run_blender(folder, blender, say)
+    ids = element_ids(building)
+    numbered = [(ids[part.element] if part.building else BACKGROUND, part) for part in (*building, *around)]
+    write_render_job(folder, spec, numbered, shots, threads)
+    run_blender(folder, blender, say)
     _develop(folder, spec, shots)
     return building, extent, shots, _write_masks(folder, spec, shots)
 
@@ -137,25 +139,31 @@ def element_ids(parts: Sequence[Part]) -> dict[str, int]:
     return {"": BUILDING, **{name: FIRST_ELEMENT + i % room for i, name in enumerate(names)}}
 
 
-def _write_job(
-    folder: Path, spec: SceneSpec, parts: Sequence[Part], ids: dict[str, int], shots: list[Shot], threads: int
+def write_render_job(
+    folder: Path, spec: SceneSpec, numbered: Sequence[tuple[int, Part]], shots: list[Shot], threads: int
 ) -> None:
+    """Write what ``benchmarks/blender/render.py`` reads: ``work/parts.npz`` and ``work/job.json``.
+
+    Args:
+        folder: of the scene.
+        spec: light and camera.
+        numbered: all parts with their labels; those of the building are not :data:`BACKGROUND`.
+        shots: of the camera.
+        threads: of Blender.
+    """
     arrays: dict[str, NDArray[Any]] = {}
     table = []
-    for i, part in enumerate(parts):
+    for i, (number, part) in enumerate(numbered):
         arrays[f"v{i}"] = part.vertices
         arrays[f"l{i}"] = np.array([k for face in part.faces for k in face], dtype=np.int32)
         arrays[f"s{i}"] = np.array([len(face) for face in part.faces], dtype=np.int32)
-        table.append({"name": part.name, "material": part.material, "building": part.building,
-                      "id": ids[part.element] if part.building else BACKGROUND})  # fmt: skip
+        table.append({"name": part.name, "material": part.material, "building": number != BACKGROUND, "id": number})
     np.savez_compressed(folder / "work/parts.npz", table=np.array(json.dumps(table)), **arrays)  # type: ignore[arg-type]
-    job = render_frame(spec)._asdict()
     keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed",
             "denoiser", "pixel_filter")  # fmt: skip
     rows = [{**asdict(s), "rotation": s.rotation.tolist(), "translation": s.translation.tolist()} for s in shots]
-    write_json(
-        folder / "work/job.json", {**job, **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}
-    )
+    job = {**render_frame(spec)._asdict(), **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}
+    write_json(folder / "work/job.json", job)
 
 
 def find_blender_python() -> Path:
@@ -175,7 +183,12 @@ def find_blender_python() -> Path:
     )
 
 
-def _run_blender(folder: Path, blender: Path | None, say: Say) -> None:
+def run_blender(folder: Path, blender: Path | None, say: Say) -> None:
+    """Render the pictures of a job that :func:`write_render_job` wrote, into ``work``; those that are there are kept.
+
+    Raises:
+        BadInput: Blender does not start, or fails.
+    """
     for kind in ("photos", "ids", "alone"):
         (folder / "work" / kind).mkdir(exist_ok=True)
     script = Path(__file__).with_name("blender") / "render.py"
@@ -198,11 +211,16 @@ def _develop(folder: Path, spec: SceneSpec, shots: list[Shot]) -> None:
     """Rendered pictures -> photos."""
     (folder / "images").mkdir(exist_ok=True)
     for i, shot in enumerate(shots):
-        picture = _read_png(folder / "work/photos" / (Path(shot.name).stem + ".png"), cv2.IMREAD_COLOR)
+        picture = read_png(folder / "work/photos" / (Path(shot.name).stem + ".png"), cv2.IMREAD_COLOR)
         write_photo(folder / "images" / shot.name, develop(spec, picture, i), spec.jpeg)
 
 
-def _read_png(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8]:
+def read_png(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8]:
+    """Read a rendered picture, [height, width] or [height, width, channels].
+
+    Raises:
+        BadInput: it cannot be read.
+    """
     picture = cv2.imread(str(path), flags)
     if picture is None:
         raise BadInput(f"The rendered picture '{path}' cannot be read; delete it and run again.")
@@ -216,7 +234,7 @@ def _write_masks(folder: Path, spec: SceneSpec, shots: list[Shot]) -> list[NDArr
         (folder / kind).mkdir(exist_ok=True)
     for shot in shots:
         stem = Path(shot.name).stem + ".png"
-        seen, alone = _read_png(folder / "work/ids" / stem), _read_png(folder / "work/alone" / stem)
+        seen, alone = read_png(folder / "work/ids" / stem), read_png(folder / "work/alone" / stem)
         seen, alone = (bend(spec, a if a.ndim == 2 else a[..., 0], labels=True) for a in (seen, alone))
         elements = np.where((seen == BACKGROUND) & (alone != BACKGROUND), IGNORE, seen).astype(np.uint8)
         level_one = np.where((elements >= FIRST_ELEMENT) & (elements != IGNORE), BUILDING, elements).astype(np.uint8)
@@ -242,7 +260,7 @@ def _poses(shots: list[Shot]) -> NDArray[np.float64]:
 
 
 def scenes_main(argv: Sequence[str] | None = None) -> int:
-    """Return ``mgf bench scenes NAME``: make a scene and print its folder."""
+    """Run ``mgf bench scenes NAME``: make a scene and print its folder."""
     parser = argparse.ArgumentParser(
         prog="mgf bench scenes", description="Render a synthetic building scene with known truth."
     )

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from benchmarks.chart_parts import WORK, name_in, tidy, time_axis, write_names
-from benchmarks.measure import THRESHOLDS
+from benchmarks.measure import THRESHOLDS, f1_at
 from benchmarks.suites import SETTINGS_APART
 
 Row = dict[str, Any]
@@ -91,11 +91,11 @@ def _title(row: Row) -> str:
 def _panel(axes: Axes, rows: list[Row], threshold: float, looks: dict[str, dict[str, Any]]) -> list[Any]:
     """Draw the points of one scene at one distance; returns what :func:`write_names` writes beside them."""
     boxed = any(row.get("whole_picture") for row in rows) and all("in_box" in row for row in rows)
-    names: list[Any] = []
+    scored, names = "in_box" if boxed else "geometry", list[Any]()
     for group in dict.fromkeys(_group(row) for row in rows):
         mine = [row for row in rows if _group(row) == group]
         spots = sorted(
-            (mean(r["cpu_seconds"] for r in same), mean(_f1(r, threshold, boxed) for r in same), variant)
+            (mean(r["cpu_seconds"] for r in same), mean(f1_at(r, threshold, scored) for r in same), variant)
             for variant in dict.fromkeys(r["variant"] for r in mine)
             if (same := [r for r in mine if r["variant"] == variant])
         )
@@ -109,8 +109,3 @@ def _panel(axes: Axes, rows: list[Row], threshold: float, looks: dict[str, dict[
     axes.xaxis.set_minor_formatter(NullFormatter())
     tidy(axes, legend=False)
     return names
-
-
-def _f1(row: Row, threshold: float, boxed: bool) -> float:
-    scores = row["in_box" if boxed else "geometry"]
-    return float(scores["f1"][scores["thresholds"].index(threshold)])

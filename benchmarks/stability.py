@@ -22,7 +22,7 @@ from typing import Any
 from benchmarks.arguments import count, engine_options, results_folder
 from benchmarks.catalogue import SCENES, SceneSpec, spec_dict
 from benchmarks.features import NoModel
-from benchmarks.measure import Prepared, measure, prepare_folder, prepare_scene
+from benchmarks.measure import Prepared, f1_at, measure, prepare_folder, prepare_scene
 from benchmarks.perturb import PERTURBATIONS, RECORD, Perturbation, perturb
 from benchmarks.scene_series import SERIES, Series
 from benchmarks.scenes import make_scene
@@ -203,8 +203,7 @@ def f1_of(row: Row) -> float:
     """F1 in percent at :data:`DISTANCE` (or the row's own); 0 for a run that was refused or failed."""
     if "geometry" not in row:
         return 0.0
-    scores = row["geometry"]
-    return float(scores["f1"][scores["thresholds"].index(row.get("threshold", DISTANCE))])
+    return f1_at(row, row.get("threshold", DISTANCE))
 
 
 def outcome(row: Row) -> str:

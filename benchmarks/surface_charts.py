@@ -11,11 +11,10 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatter, ScalarFormatter
 
-from benchmarks.measure import THRESHOLDS
+from benchmarks.chart_parts import WORK, tidy, time_axis
+from benchmarks.measure import THRESHOLDS, f1_at
 
 Row = dict[str, Any]
 #: The generator's materials by what makes them hard; a material that is in none is "other".
@@ -59,17 +58,15 @@ def _class_means(entries: list[tuple[float, Row, Row]], runs: int) -> dict[str, 
         known = [(w, v) for w, v in ((share, value(scores, row)) for share, scores, row in entries) if v is not None]
         return sum(w * v for w, v in known) / sum(w for w, _ in known) if known else None
 
+    def f1(threshold: float) -> float | None:
+        return weighted(lambda scores, row: scores["f1"][row["geometry"]["thresholds"].index(threshold)])
+
     return {
         "share": sum(share for share, _, _ in entries) / runs,
-        "f1": [weighted(lambda scores, row, t=t: f1_at(row, t, scores["f1"])) for t in THRESHOLDS],  # type: ignore[misc]
+        "f1": [f1(threshold) for threshold in THRESHOLDS],
         "normal_median": weighted(lambda scores, row: scores["normal_median"]),
         "normal_90": weighted(lambda scores, row: scores["normal_90"]),
     }
-
-
-def f1_at(row: Row, threshold: float, f1: list[float] | None = None) -> float:
-    """F1 at one of the row's thresholds: of the whole, or of the part whose values are given."""
-    return float((f1 or row["geometry"]["f1"])[row["geometry"]["thresholds"].index(threshold)])
 
 
 def variants_of(rows: Iterable[Row]) -> dict[str, list[Row]]:
@@ -142,12 +139,9 @@ def _work_figure(rows: list[Row]) -> Figure:
             shared = [r for r in mine if r["scene"] in common] or mine
             middle = mean(r["cpu_seconds"] for r in shared), mean(f1_at(r, threshold) for r in shared)
             axes.scatter(*middle, s=90, color=f"C{number}", edgecolor="black", label=name, zorder=3)
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(ScalarFormatter())
-        axes.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
-        axes.set_xlabel("CPU seconds, all cores together")
+        time_axis(axes, WORK[1])
         axes.set_ylabel(f"F1 at {threshold * 100:.3g} cm, %")
-        _tidy(axes)
+        tidy(axes, legend=True)
     return figure
 
 
@@ -167,12 +161,5 @@ def _material_figure(rows: list[Row]) -> Figure:
     axes.invert_yaxis()
     axes.set_xlim(0, 100)
     axes.set_xlabel(f"F1 at {THRESHOLDS[1] * 100:.3g} cm, %")
-    _tidy(axes)
+    tidy(axes, legend=True)
     return figure
-
-
-def _tidy(axes: Axes) -> None:
-    axes.grid(True, alpha=0.3)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(fontsize=8, frameon=False)

@@ -3,17 +3,15 @@
 
 ``python -m benchmarks.town FOLDER`` makes ``images/`` (with RTK-like GPS), ``sparse/0`` (structure from motion put onto
 the true frame), ``buildings/ID/truth.ply``, ``buildings/ID/masks/`` (255 building), ``footprints.geojson`` and
-``town.json``. Footprints are half a metre off, one house is missing
-among them and one was torn down, as maps are. ``--houses 6`` makes the first street alone.
+``town.json``. Footprints are half a metre off, one house is missing among them and one was torn down, as maps are.
+``--houses 6`` makes the first street alone.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -22,10 +20,10 @@ from PIL import Image
 
 from benchmarks.camera_path import Shot, look_at
 from benchmarks.catalogue import SceneSpec
-from benchmarks.develop import develop, photo_frame, render_frame
+from benchmarks.develop import develop, photo_frame
 from benchmarks.features import sfm_model
-from benchmarks.scenes import _run_blender
-from benchmarks.shapes import Part
+from benchmarks.gps_exif import gps_exif
+from benchmarks.scenes import run_blender, write_render_job
 from benchmarks.town_houses import HOUSES, TORN_DOWN, TOWNS, House, around, moved, parts_of
 from benchmarks.town_painted import paint_views
 from benchmarks.truth import write_truth
@@ -85,12 +83,13 @@ def make_town(
     shots = flight(photos, count, rng)
     houses = {house.id: parts_of(house) for house in HOUSES[:count]}
     others = around(rng, 1 if count <= min(TOWNS) else 2)
+    numbered = [(k, part) for k, parts in enumerate(houses.values(), 1) for part in parts]
+    numbered += [(0, part) for part in others]
     if painted:
-        numbered = [(k, part) for k, parts in enumerate(houses.values(), 1) for part in parts]
-        paint_views(folder, spec, [*numbered, *((0, part) for part in others)], shots)
+        paint_views(folder, spec, numbered, shots)
     else:
-        _write_job(folder, spec, houses, others, shots, threads)
-        _run_blender(folder, blender, say)
+        write_render_job(folder, spec, numbered, shots, threads)
+        run_blender(folder, blender, say)
     write_photos(folder, spec, shots, rng)
     for number, (name, parts) in enumerate(houses.items(), 1):
         (folder / "buildings" / name / "masks").mkdir(parents=True, exist_ok=True)
@@ -110,24 +109,6 @@ def make_town(
     write_json(folder / "town.json", {"crs": CRS, "origin": ORIGIN.tolist(), "houses": list(houses)})
 
 
-def _write_job(
-    folder: Path, spec: SceneSpec, houses: dict[str, list[Part]], others: list[Part], shots: list[Shot], threads: int
-) -> None:
-    arrays, table = {}, []
-    numbered = [(k, part) for k, parts in enumerate(houses.values(), 1) for part in parts]
-    for i, (number, part) in enumerate([*numbered, *((0, part) for part in others)]):
-        arrays[f"v{i}"] = part.vertices
-        arrays[f"l{i}"] = np.array([k for face in part.faces for k in face], dtype=np.int32)
-        arrays[f"s{i}"] = np.array([len(face) for face in part.faces], dtype=np.int32)
-        table.append({"name": part.name, "material": part.material, "building": number > 0, "id": number})
-    np.savez_compressed(folder / "work/parts.npz", table=np.array(json.dumps(table)), **arrays)  # type: ignore[arg-type]
-    keys = ("texture_strength", "sun_elevation", "sun_azimuth", "sun_strength", "sky_strength", "samples", "seed",
-            "denoiser", "pixel_filter")  # fmt: skip
-    rows = [{**asdict(s), "rotation": s.rotation.tolist(), "translation": s.translation.tolist()} for s in shots]
-    job = {**render_frame(spec)._asdict(), **{k: getattr(spec, k) for k in keys}, "threads": threads, "shots": rows}
-    write_json(folder / "work/job.json", job)
-
-
 def write_photos(folder: Path, spec: SceneSpec, shots: list[Shot], rng: np.random.Generator) -> None:
     """Rendered pictures become photos with the place of their camera in EXIF."""
     (folder / "images").mkdir(exist_ok=True)
@@ -138,14 +119,8 @@ def write_photos(folder: Path, spec: SceneSpec, shots: list[Shot], rng: np.rando
         photo = develop(spec, np.asarray(picture, np.uint8), i)
         centre = -shot.rotation.T @ shot.translation + ORIGIN + rng.normal(0, GPS_ERROR, 3)
         latitude, longitude, height = projection.places(centre[None])[0].tolist()
-        exif = Image.Exif()
-        exif[0x8825] = {1: "N", 2: _sexagesimal(latitude), 3: "E", 4: _sexagesimal(longitude), 5: b"\0", 6: height}
+        exif = gps_exif(latitude, longitude, height)
         Image.fromarray(photo[..., ::-1]).save(folder / "images" / shot.name, quality=spec.jpeg, exif=exif)
-
-
-def _sexagesimal(degrees: float) -> tuple[float, float, float]:
-    minutes = 60 * (degrees % 1)
-    return float(int(degrees)), float(int(minutes)), 60 * (minutes % 1)
 
 
 def write_footprints(path: Path, houses: Sequence[House], rng: np.random.Generator) -> None:
@@ -164,7 +139,7 @@ def write_footprints(path: Path, houses: Sequence[House], rng: np.random.Generat
 
 
 def main() -> int:
-    """Return ``python -m benchmarks.town FOLDER``."""
+    """Run ``python -m benchmarks.town FOLDER``."""
     parser = argparse.ArgumentParser(description="Render a small synthetic town with footprints and truth.")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--photos", type=int, help="default: 55 of six houses, 150 of twelve")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.prompts import inside_points, spread_photos
-from benchmarks.scenes import _read_png
+from benchmarks.scenes import read_png
 from mgf_engine.evaluation.geometry import ComparisonOptions, score_surface
 from mgf_engine.evaluation.model_cameras import cameras_of
 from mgf_engine.evaluation.surfaces import read_surface
@@ -51,7 +51,7 @@ def make_clicks(scene: Path, town: Path, folder: Path) -> None:
 
 
 def _mask(folder: Path, photo: str) -> NDArray[np.bool_]:
-    return np.asarray(_read_png(folder / (Path(photo).stem + ".png")) > 127)
+    return np.asarray(read_png(folder / (Path(photo).stem + ".png")) > 127)
 
 
 def _beside(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -90,7 +90,7 @@ def scores(scene: Path, town: Path, thresholds: tuple[float, ...] = (0.1, 0.2)) 
 
 
 def main(argv: list[str]) -> int:
-    """Return the two commands above."""
+    """Run one of the two commands above."""
     scene, town = Path(argv[1]), Path(argv[2])
     if argv[0] == "clicks":
         make_clicks(scene, town, Path(argv[3]))

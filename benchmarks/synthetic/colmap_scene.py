@@ -52,14 +52,14 @@ def reconstruction(model: str = "PINHOLE", rigs: int = 1, sensors: int = 1, fram
 
 
 def write_model(model: Any, folder: Path, kind: str = ".bin") -> Path:
-    """Return the model's files in ``folder``."""
+    """Write the model's files into a folder, as .bin or .txt; returns the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     (model.write_binary if kind == ".bin" else model.write_text)(folder)
     return folder
 
 
 def write_scene(model: Any, folder: Path, kind: str = ".bin") -> Path:
-    """Return ``sparse/0`` and one photo per image in ``images``."""
+    """Write ``sparse/0`` and one photo per image in ``images``; returns the folder."""
     write_model(model, folder / "sparse" / "0", kind)
     for image in model.images.values():
         write_photo(folder / "images" / image.name, photo_of(image.camera))

@@ -18,6 +18,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from benchmarks.synthetic.meshes import merged
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
@@ -88,11 +89,7 @@ def lawn_mesh(half: int = 12) -> Mesh:
 
 def house_on_lawn() -> Mesh:
     """Return both as one mesh, the house's faces first."""
-    house, lawn = house_mesh(), lawn_mesh()
-    return Mesh(
-        np.r_[house.vertices, lawn.vertices], np.r_[house.faces, lawn.faces + len(house.vertices)].astype(np.int32),
-        np.zeros((len(house.vertices) + len(lawn.vertices), 3), np.uint8),
-    )  # fmt: skip
+    return merged(house_mesh(), lawn_mesh())
 
 
 @functools.cache

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.synthetic.house import OFFSET, house_mesh, lawn_mesh, ring_view, write_model
+from benchmarks.synthetic.meshes import merged
 from mgf_engine.geometry.rasterize import render_mesh, scaled_view
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
@@ -33,13 +34,8 @@ class PlainHouse:
 def make_plain_house(folder: Path, photos: int = PHOTOS) -> PlainHouse:
     """Make photos of the house of ``house.py`` in plain colours, a face of the walls each."""
     (folder / "images").mkdir(parents=True)
-    house, lawn = house_mesh(), lawn_mesh()
-    house = Mesh(house.vertices - OFFSET, house.faces, house.colors)
-    both = Mesh(
-        np.r_[house.vertices, lawn.vertices - OFFSET],
-        np.r_[house.faces, lawn.faces + len(house.vertices)].astype(np.int32),
-        np.zeros((len(house.vertices) + len(lawn.vertices), 3), np.uint8),
-    )  # fmt: skip
+    house = _at_origin(house_mesh())
+    both = merged(house, _at_origin(lawn_mesh()))
     views, labels = [], []
     for k in range(photos):
         view = ring_view(k, photos)
@@ -63,18 +59,18 @@ def make_plain_house(folder: Path, photos: int = PHOTOS) -> PlainHouse:
 
 def write_inputs(plain: PlainHouse) -> tuple[Path, Path]:
     """A folder to reconstruct from, with sparse points on the lawn alone, and one with the true masks beside it."""
-    folder, lawn = plain.scene.folder, lawn_mesh()
-    both = Mesh(
-        np.r_[plain.truth.vertices, lawn.vertices - OFFSET],
-        np.r_[plain.truth.faces, lawn.faces + len(plain.truth.vertices)].astype(np.int32),
-        np.zeros((len(plain.truth.vertices) + len(lawn.vertices), 3), np.uint8),
-    )  # fmt: skip
+    folder = plain.scene.folder
+    both = merged(plain.truth, _at_origin(lawn_mesh()))
     write_model(folder / "sparse" / "0", list(plain.scene.views), both, plain.truth, 0, 1500)
     masks = folder.parent / "masks"
     masks.mkdir()
     for view, labels in zip(plain.scene.views, plain.masks.labels, strict=True):
         cv2.imwrite(str(masks / view.name), labels * 255)
     return folder, masks
+
+
+def _at_origin(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices - OFFSET, mesh.faces, mesh.colors)
 
 
 def _colours(house: Mesh) -> NDArray[np.int64]:

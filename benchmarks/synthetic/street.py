@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.synthetic.house import OFFSET, house_mesh, lawn_mesh, paint, photograph, ring_view, write_model
+from benchmarks.synthetic.meshes import merged
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 
@@ -43,8 +44,8 @@ def build_street(folder: Path, photos: int = 20, error: float = 0.1) -> Street:
     meshes = {
         name: Mesh(one.vertices + np.array([*place, 0.0]), one.faces, one.colors) for name, place in PLACES.items()
     }
-    houses = _joined(list(meshes.values()))
-    both = _joined([houses, lawn])
+    houses = merged(*meshes.values())
+    both = merged(houses, lawn)
     views = [_view(k, photos) for k in range(photos)]
     masks: dict[str, dict[str, NDArray[np.bool_]]] = {name: {} for name in PLACES}
     for view in views:
@@ -69,13 +70,6 @@ def write_footprints(path: Path, places: dict[str, tuple[float, float]], error: 
         geometry = {"type": "Polygon", "coordinates": [corners.tolist()]}
         features.append({"type": "Feature", "properties": {"id": name}, "geometry": geometry})
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-
-
-def _joined(meshes: list[Mesh]) -> Mesh:
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)])
-    vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    return Mesh(vertices, faces.astype(np.int32), np.zeros(vertices.shape, np.uint8))
 
 
 def _view(index: int, count: int) -> View:

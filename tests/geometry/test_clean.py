@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.analytic import as_trimesh, ball, cuboid, ring
-from support.meshes import empty, merged
+from support.meshes import empty
 
+from benchmarks.synthetic.meshes import merged
 from mgf_engine.geometry import clean
 from mgf_engine.mesh.face_visibility import count_pixels
 from mgf_engine.mesh.holes import boundary_loops, cap_rims, fill_holes

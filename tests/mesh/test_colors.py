@@ -6,8 +6,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from support.analytic import ball, camera, ring
-from support.meshes import empty, merged
+from support.meshes import empty
 
+from benchmarks.synthetic.meshes import merged
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.mesh.colors import ColorOptions, _samples, color_from_photos, sample, vertex_normals
 

@@ -25,7 +25,7 @@ def fine(mesh: Mesh, edge: float, noise: float = 0.0) -> Mesh:
 
 
 def plain_groups(mesh: Mesh, cell: NDArray[np.integer], tolerance: float, even: float) -> list[set[int]]:
-    """Which vertices ``merge_flat`` of merge_flat.c makes one, where no face would turn over; float64, group by group."""
+    """Which vertices merge_flat.c makes one, where no face would turn over; float64, group by group."""
     ends = np.concatenate([mesh.faces[:, [k, (k + 1) % 3]] for k in range(3)])
     ends = ends[cell[ends[:, 0]] == cell[ends[:, 1]]]
     count = len(mesh.vertices)

@@ -7,11 +7,9 @@ import json
 import shutil
 from pathlib import Path
 
-import igl
-import numpy as np
-import trimesh
-
+from benchmarks import stability_spread
 from benchmarks.synthetic.house import House
+from mgf_engine.stages import STAGE_NAMES
 from support.jobs import finish, start
 
 OPTIONS = ["--iterations", "150", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
@@ -25,24 +23,15 @@ def reconstruct(house: House, job: Path, *more: object) -> list[dict]:
 
 
 def f1(mesh_file: Path, house: House, threshold: float) -> float:
-    """F1 between a mesh and the house, floor and faces below 5 cm left out: no photo shows the floor."""
-    found, true = trimesh.load(mesh_file), trimesh.Trimesh(house.mesh.vertices, house.mesh.faces, process=False)
-    ground = house.mesh.vertices[:, 2].min() + 0.05
-    shares = []
-    for here, there in ((found, true), (true, found)):
-        points = trimesh.sample.sample_surface(here, 4000, seed=1)[0]
-        points = points[points[:, 2] > ground]
-        squared = igl.point_mesh_squared_distance(points, np.asarray(there.vertices), np.asarray(there.faces))[0]
-        shares.append(float((np.sqrt(squared) < threshold).mean()))
-    return 2 * shares[0] * shares[1] / max(sum(shares), 1e-9)
+    """F1 between a mesh and the house, 0 to 1, from few samples."""
+    return stability_spread.f1(mesh_file, house, threshold, 4000) / 100
 
 
 def copy_until(finished: Path, job: Path, stage: str) -> None:
     """A copy of a finished job as it was before ``stage`` began."""
     shutil.copytree(finished, job)
     data = json.loads((job / "job.json").read_text())
-    order = ["scene", "masks", "field", "mesh", "deliver"]
-    for name in order[order.index(stage) :]:
+    for name in STAGE_NAMES[STAGE_NAMES.index(stage) :]:
         data["stages"].pop(name, None)
         (job / f".started-{name}").unlink(missing_ok=True)
     (job / "job.json").write_text(json.dumps(data))

@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from benchmarks.gps_exif import gps_exif
 from mgf_engine.georef.crs import Projection
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.scene.cameras import to_original
@@ -148,15 +149,5 @@ def write_gps(site: Site, noise: float = 0.0, seed: int = 5, line: bool = False)
 def write_photo(path: Path, latitude: float, longitude: float, height: float, xmp: str = "") -> None:
     """A small JPEG with a place in EXIF."""
     image = Image.new("RGB", (16, 12))
-    exif = Image.Exif()
-    exif[0x8825] = {
-        1: "N" if latitude >= 0 else "S", 2: sexagesimal(latitude), 3: "E" if longitude >= 0 else "W",
-        4: sexagesimal(longitude), 5: b"\0" if height >= 0 else b"\1", 6: abs(height),
-    }  # fmt: skip
+    exif = gps_exif(latitude, longitude, height)
     image.save(path, exif=exif, xmp=xmp.encode()) if xmp else image.save(path, exif=exif)
-
-
-def sexagesimal(degrees: float) -> tuple[float, float, float]:
-    whole = abs(degrees)
-    minutes = 60 * (whole % 1)
-    return float(int(whole)), float(int(minutes)), 60 * (minutes % 1)

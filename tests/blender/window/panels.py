@@ -31,7 +31,7 @@ from benchmarks.camera_path import Ring, plan
 from benchmarks.catalogue import SceneSpec
 from benchmarks.control_points import CRS, Noise, targets_of, write_inputs
 from benchmarks.prompts import click_prompts
-from benchmarks.scenes import _read_png
+from benchmarks.scenes import read_png
 from benchmarks.surroundings import car, tree
 from benchmarks.town import write_photos
 from benchmarks.town_painted import paint_views
@@ -92,7 +92,7 @@ def make_scene(out: Path) -> None:
     (whole / "sparse_truth").symlink_to(whole / "sparse" / "0")
     shutil.rmtree(out / "scene", ignore_errors=True)
     write_inputs(whole, out / "scene", targets_of(whole), Noise(), 0)
-    labels = [_read_png(whole / "work" / "ids" / (Path(s.name).stem + ".png")) for s in shots]
+    labels = [read_png(whole / "work" / "ids" / (Path(s.name).stem + ".png")) for s in shots]
     poses = np.array([[*(-s.rotation.T @ s.translation), *s.rotation[2]] for s in shots])
     click_prompts(out / "scene" / "prompts.json", [s.name for s in shots], poses, labels)
 

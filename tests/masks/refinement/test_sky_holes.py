@@ -124,7 +124,7 @@ def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     labels, regions = [mask.astype(np.uint8)], [SimpleNamespace(labels=large_sky(mask).astype(np.int64))]
     graph = SimpleNamespace(
         scene=scene, full=scene, regions=regions, start=[0, 2], sky=np.array([0, 1]), plants=np.zeros(2), threads=1,
-        shape=SimpleNamespace(up=UP),
+        point_features=SimpleNamespace(up=UP),
     )  # fmt: skip
     reporter = SimpleNamespace(progress=lambda share: None, check=lambda: None)
     correction = MaskCorrection(graph, labels, {}, {}, None, Config(), reporter)
