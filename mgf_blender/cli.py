@@ -8,6 +8,7 @@ import sys
 
 import bpy
 
+from .batch import EXIT_BAD_INPUT
 from .batch import main as import_main
 from .common.errors import UserError
 from .common.process import clean_environment
@@ -17,7 +18,6 @@ _HELP = """usage: blender --command mgf import --scene SCENE [--job JOB] --out F
        blender --command mgf reconstruct SCENE --prompts FILE --out JOB [options]
        blender --command mgf (any other command of the engine)
 """
-EXIT_BAD_INPUT = 2
 _command: object | None = None
 
 

@@ -9,12 +9,9 @@ from .common.addon import NAME
 from .common.text import N_, draw_sentence, draw_value, in_our_words, tr
 from .engine import operators
 from .engine.environment import managed_environment, python_of
-from .engine.install import has_nvidia
+from .engine.install import TICKS, has_nvidia
 from .engine.swap import discarding, unfinished
 from .engine.task import CANCELLED, DONE, FAILED, RUNNING
-
-#: Extra of the engine -> the tick that installs it.
-_TICKS = {"survey": N_("Drawings and Map Coordinates"), "models": N_("Models")}
 
 
 def _other_engine(prefs: bpy.types.AddonPreferences, context: bpy.types.Context) -> None:
@@ -172,9 +169,9 @@ def _in_panel_terms(value: str, managed: bool) -> str:
     extra = re.search(r"pip install .*'mgf-engine\[(\w+)\]'", value)
     if extra is None or not managed:
         return value
-    if extra[1] not in _TICKS:
+    if extra[1] not in TICKS:
         return tr("missing; mgf town needs an existing environment with mgf-engine[town]")
-    return tr("missing; tick {tick} and press Reinstall Engine", tick=tr(_TICKS[extra[1]]))
+    return tr("missing; tick {tick} and press Reinstall Engine", tick=tr(TICKS[extra[1]]))
 
 
 def _report_lines(output: list[str]) -> list[tuple[str, str]]:

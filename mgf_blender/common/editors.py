@@ -72,6 +72,7 @@ def _settle() -> float | None:
 
 
 def areas_of(kind: str) -> list[tuple[bpy.types.Window, bpy.types.Area]]:
+    """Return the areas of a kind (``VIEW_3D``, ``IMAGE_EDITOR``) with their windows."""
     windows = [w for manager in bpy.data.window_managers for w in manager.windows]
     return [(w, a) for w in windows for a in w.screen.areas if a.type == kind]
 

@@ -120,6 +120,13 @@ def _faces(name: str, data: MeshData) -> Iterator[None]:
     mesh.polygons.foreach_set("loop_start", np.arange(0, 3 * count, 3, dtype=np.int32))
 
 
+def vertices_of(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Return the vertices of a mesh in its own coordinates, float32 [N, 3]."""
+    flat = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", flat)
+    return flat.reshape(-1, 3)
+
+
 def set_colors(mesh: bpy.types.Mesh, rgba: np.ndarray, name: str = COLOR_ATTRIBUTE) -> None:
     """Set vertex colours, float32 [N, 4] in sRGB, as the mesh's active colour attribute."""
     layer = mesh.attributes.get(name) or mesh.attributes.new(name, "BYTE_COLOR", "POINT")

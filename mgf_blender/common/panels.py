@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mixin of the panels in the sidebar; it stands before ``bpy.types.Panel`` among the bases."""
+"""Where our panels appear: mixins that stand before ``bpy.types.Panel`` among the bases."""
 
 from .text import CONTEXT
 

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from ..common.json_cache import JsonCache
 from ..common.text import N_, tr
 
 FOLDER, PAGE = "drawings", "drawings.html"
@@ -15,7 +16,7 @@ _TITLES = {"orthophoto": N_("Orthophoto {name}"), "deviation": N_("Deviation {na
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture of a drawing: its file, what it is, and its pixels across and down (0 where unknown)."""
+    """A picture of a drawing: its file, its kind (a key of ``_TITLES``), and the facade or section that it shows."""
 
     path: Path
     kind: str
@@ -42,32 +43,20 @@ class Index:
     unit: str
 
 
-_read: dict[str, tuple[int, Index | None]] = {}  # drawings.json -> (its time, what it says)
-
-
 def read_index(job: Path) -> Index | None:
     """Read the drawings in a job folder; None where there are none, or where another program's file lies there."""
-    path = job / FOLDER / "drawings.json"
-    try:
-        changed = path.stat().st_mtime_ns
-    except OSError:
-        return None
-    if _read.get(str(path), (0, None))[0] != changed:
-        _read[str(path)] = changed, _parsed(path)
-    return _read[str(path)][1]
+    return _indices.get(job / FOLDER / "drawings.json")
 
 
-def _parsed(path: Path) -> Index | None:
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        files = {str(name): dict(facts) for name, facts in data["files"].items()}
-        unit = str(data["unit"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return None
+def _parsed(path: Path, data: dict[str, Any]) -> Index:
+    files = {str(name): dict(facts) for name, facts in data["files"].items()}
     pictures = [
         Drawing(path.parent / name, str(facts.get("kind")), str(facts.get("frame", "")))
         for name, facts in files.items()
         if name.endswith(".png") and facts.get("kind") in _TITLES and Path(name).name == name
     ]
     order = list(_TITLES)
-    return Index(tuple(sorted(pictures, key=lambda d: order.index(d.kind))), len(files), unit)
+    return Index(tuple(sorted(pictures, key=lambda d: order.index(d.kind))), len(files), str(data["unit"]))
+
+
+_indices = JsonCache(_parsed)

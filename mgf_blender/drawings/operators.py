@@ -14,6 +14,7 @@ from ..properties import scene_key
 from ..reconstruct.operators import FinishedJobOperator, submit
 from ..reconstruct.start import ended, job_folder
 from ..results.load import job_name
+from ..scene_import.cameras import IMAGE_KEY
 from ..scene_import.operators import SceneOperator, select_only
 from ..scene_import.tree import Tree
 from .index import read_index
@@ -160,7 +161,7 @@ def load_drawing(job: Path, name: str) -> bpy.types.Image:
     except RuntimeError as error:
         raise UserError("The drawing '{path}' cannot be read; make the drawings again.", path=path) from error
     image.reload()
-    image["mgf_image"] = "drawing"
+    image[IMAGE_KEY] = "drawing"
     return image
 
 

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..scene_import.tree import ROLE_KEY, Tree, objects_below
+from ..scene_import.tree import KIND_KEY, ROLE_KEY, Tree, objects_below
 
 OURS, THEIRS = "section", "section of the user"
 _NAME = "Section"
@@ -32,7 +32,7 @@ def find_sections(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def may_be_section(obj: bpy.types.Object) -> bool:
     """Tell whether an object of the user's can say where to cut."""
-    return obj.type in {"MESH", "EMPTY"} and ROLE_KEY not in obj and "mgf_kind" not in obj
+    return obj.type in {"MESH", "EMPTY"} and ROLE_KEY not in obj and KIND_KEY not in obj
 
 
 def add_section(tree: Tree, axis: str) -> bpy.types.Object:

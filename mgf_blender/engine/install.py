@@ -29,8 +29,8 @@ _TORCH_INDEX = "https://download.pytorch.org/whl/"
 _FREE_CPU, _FREE_CUDA = 3, 7  # GiB
 #: The engine's extras with the packages for drawings and map coordinates, and for models.
 SURVEY, MODELS = "survey", "models"
-#: Their names in the preferences.
-_TICKED = {SURVEY: N_("Drawings and Map Coordinates"), MODELS: N_("Models")}
+#: Names of their ticks in the preferences.
+TICKS = {SURVEY: N_("Drawings and Map Coordinates"), MODELS: N_("Models")}
 #: Letters of the longest file name in the packages, below site-packages: a licence in torch's wheel.
 _LONGEST_NAME = 167
 _LONGEST_PATH = 259  # letters that Windows allows unless long paths were switched on
@@ -240,10 +240,10 @@ def _no_build(name: str, output: str) -> str:
     """Return the sentence for a package that has no build; one that was ticked can be left out."""
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     extra = re.search(rf'{re.escape(re.split("[=<>~!]", name)[0])}\b[^\n]*; extra == "(\w+)"', output)
-    if extra is not None and extra[1] in _TICKED:
+    if extra is not None and extra[1] in TICKS:
         text = N_("No build of {name} fits Python {version} on this system; install without '{extra}', or use an "
                   "existing environment.")  # fmt: skip
-        return tr(text, name=name, version=version, extra=tr(_TICKED[extra[1]]))
+        return tr(text, name=name, version=version, extra=tr(TICKS[extra[1]]))
     text = N_("No build of {name} fits Python {version} on this system; use an existing environment instead.")
     return tr(text, name=name, version=version)
 

@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ..common.errors import UserError
 from ..common.files import replace_file
+from ..common.json_cache import JsonCache
 from .properties import set_mark
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -65,25 +62,6 @@ class Placement:
     metric: bool
     north_known: bool
     origin: tuple[float, float, float] | None
-
-
-@dataclass
-class _Cache:
-    seen: dict[str, tuple[int, Any]] = field(default_factory=dict)
-
-    def get(self, path: Path, parse: Callable[[dict[str, Any]], T]) -> T | None:
-        """Return what ``parse`` makes of a JSON file; None where it is missing or not what it should be."""
-        try:
-            changed = path.stat().st_mtime_ns
-            if self.seen.get(str(path), (0, None))[0] != changed:
-                self.seen[str(path)] = changed, parse(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            return None
-        found: T = self.seen[str(path)][1]
-        return found
-
-
-_cache = _Cache()
 
 
 def marks_path(job: Path) -> Path:
@@ -136,20 +114,20 @@ def read_marks(scene: bpy.types.Scene, path: Path) -> int:
 
 def read_places(job: Path) -> dict[str, Known]:
     """Read the control points by name, as the engine read them from the user's file; empty before it did."""
-    return _cache.get(places_path(job), _places) or {}
+    return _all_places.get(places_path(job)) or {}
 
 
 def read_rows(job: Path) -> list[Row]:
     """Read residuals of the last run's points, from ``report.json``."""
-    return _cache.get(job / "report.json", _rows) or []
+    return _all_rows.get(job / "report.json") or []
 
 
 def read_placement(job: Path) -> Placement | None:
     """Read the job's georeference."""
-    return _cache.get(job / "georef.json", _placement)
+    return _placements.get(job / "georef.json")
 
 
-def _places(data: dict[str, Any]) -> dict[str, Known]:
+def _places(path: Path, data: dict[str, Any]) -> dict[str, Known]:
     found = {}
     for entry in data["points"]:
         photos = {str(name): _three(values) for name, values in entry["photos"].items()}
@@ -160,7 +138,7 @@ def _places(data: dict[str, Any]) -> dict[str, Known]:
     return found
 
 
-def _rows(data: dict[str, Any]) -> list[Row]:
+def _rows(path: Path, data: dict[str, Any]) -> list[Row]:
     return [
         Row(
             str(p["name"]), str(p["role"]), _three([math.nan if v is None else v for v in p["residual"]]),
@@ -170,7 +148,7 @@ def _rows(data: dict[str, Any]) -> list[Row]:
     ]  # fmt: skip
 
 
-def _placement(data: dict[str, Any]) -> Placement:
+def _placement(path: Path, data: dict[str, Any]) -> Placement:
     matrix = np.array(data["to_local"], np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not np.linalg.det(matrix[:3, :3]) > 0:
         raise ValueError("to_local")
@@ -182,3 +160,6 @@ def _placement(data: dict[str, Any]) -> Placement:
 def _three(values: Any) -> tuple[float, float, float]:
     x, y, z = (float(v) for v in values)
     return x, y, z
+
+
+_all_places, _all_rows, _placements = JsonCache(_places), JsonCache(_rows), JsonCache(_placement)

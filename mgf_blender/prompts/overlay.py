@@ -3,20 +3,22 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
+from ..common.json_cache import JsonCache
 from . import files, preview
 
 _UNKNOWN = 255
 _BUILDING, _EDGE, _DOUBT = (1.0, 0.55, 0.1, 0.8), (1.0, 0.95, 0.4, 1.0), (0.4, 0.4, 0.4, 0.6)
 _textures: dict[str, tuple[int, Any]] = {}  # picture -> (its time, texture)
-_tables: dict[str, tuple[int, dict[str, dict[str, Any]]]] = {}  # scores.json -> (its time, photo -> entry)
-_clicks: dict[str, tuple[int, dict[str, Any]]] = {}  # prompts.json of a job -> (its time, photo -> clicks)
+_scores = JsonCache(
+    lambda path, data: {v["name"]: {**v, "labels": str(path.parent / v["labels"])} for v in data["views"]}
+)
+_clicks = JsonCache(lambda path, data: dict(data))  # prompts.json of a job
 
 
 def mask_entry(scene: bpy.types.Scene, name: str) -> dict[str, Any] | None:
@@ -24,15 +26,8 @@ def mask_entry(scene: bpy.types.Scene, name: str) -> dict[str, Any] | None:
     one."""
     if not scene.mgf.job_folder:
         return None
-    path = Path(bpy.path.abspath(scene.mgf.job_folder)) / "masks" / "scores.json"
-    try:
-        changed = path.stat().st_mtime_ns
-        if _tables.get(str(path), (0, {}))[0] != changed:
-            views = json.loads(path.read_text(encoding="utf-8"))["views"]
-            _tables[str(path)] = (changed, {v["name"]: {**v, "labels": str(path.parent / v["labels"])} for v in views})
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    return _tables[str(path)][1].get(name)
+    entries = _scores.get(Path(bpy.path.abspath(scene.mgf.job_folder)) / "masks" / "scores.json")
+    return None if entries is None else entries.get(name)
 
 
 def mask_rgba(path: Path, binary: bool = False) -> np.ndarray:
@@ -117,19 +112,13 @@ def job_knows(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> bool:
     """Tell whether the job's mask of a photo was made from the clicks that are on it now."""
     if mask_entry(scene, photo.name) is None:
         return False
-    path = Path(bpy.path.abspath(scene.mgf.job_folder)) / "prompts.json"
-    try:
-        changed = path.stat().st_mtime_ns
-        if _clicks.get(str(path), (0, {}))[0] != changed:
-            _clicks[str(path)] = (changed, dict(json.loads(path.read_text(encoding="utf-8-sig"))))
-    except (OSError, ValueError, TypeError, RecursionError):
-        return False
-    return bool(_clicks[str(path)][1].get(photo.name) == files.to_data(scene, photo.name).get(photo.name))
+    clicks = _clicks.get(Path(bpy.path.abspath(scene.mgf.job_folder)) / "prompts.json")
+    return clicks is not None and bool(clicks.get(photo.name) == files.to_data(scene, photo.name).get(photo.name))
 
 
 def forget() -> None:
-    """Drop the textures."""
-    for store in (_textures, _tables, _clicks):
+    """Drop the textures and what files say."""
+    for store in (_textures, _scores, _clicks):
         store.clear()
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import bpy
 
 from ..common.editors import fit_photo
+from ..scene_import.cameras import IMAGE_KEY
 
 BUILDING = "building"
 
@@ -42,7 +43,7 @@ def photo_image(photo: MGF_PG_photo) -> bpy.types.Image | None:
     if not photo.file or not path.is_file():
         return None
     image = bpy.data.images.load(str(path), check_existing=True)
-    image["mgf_image"] = "photo"
+    image[IMAGE_KEY] = "photo"
     return image
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..common.editors import areas_of
 from ..common.job import DONE, Job
 from ..common.operators import Operator
 from ..common.text import tr
@@ -29,7 +30,7 @@ _FILE = "prompts.json"
 
 
 def suggest_job(scene: bpy.types.Scene) -> Job:
-    """Suggest the job that proposes points; starts nothing.
+    """Return the job that proposes points; starts nothing.
 
     Raises:
         UserError: there is no source or no engine.
@@ -44,7 +45,7 @@ def suggest_job(scene: bpy.types.Scene) -> Job:
 
 
 def _out(folder: Path) -> Path:
-    """Find where a run leaves its points: beside the job folder, which is the engine's own."""
+    """Return where a run leaves its points: beside the job folder, which is the engine's own."""
     return folder.with_name(folder.name + ".suggested")
 
 
@@ -92,13 +93,8 @@ def _working(scene: bpy.types.Scene) -> bool:
     photo, index = active_photo(scene), scene.mgf.photo_index
     if photo is None:
         return False
-    shown = [area.spaces.active.image for area in open_areas() if area.type == "IMAGE_EDITOR"]
+    shown = [area.spaces.active.image for _, area in areas_of("IMAGE_EDITOR")]
     return len(photo.clicks) > 0 or any(photo_of_image(scene, image) == index for image in shown)
-
-
-def open_areas() -> list[bpy.types.Area]:
-    """Return the areas of all windows."""
-    return [area for window in bpy.context.window_manager.windows for area in window.screen.areas]
 
 
 class MGF_OT_take_suggestions(Operator):

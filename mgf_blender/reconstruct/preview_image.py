@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..common.editors import fit_editors
+from ..common.editors import areas_of, fit_editors
 from ..common.job import Job
 
 NAME = "MGF Preview"
@@ -45,22 +45,18 @@ def show(path: Path) -> bpy.types.Image | None:
 def before_undo(*_: object) -> None:
     """Note which editors show the preview (handler), for an undo takes away what no undo step holds."""
     image = bpy.data.images.get(NAME)
-    _editors[:] = [a.as_pointer() for a in _image_editors() if image is not None and a.spaces.active.image == image]
+    showing = [a for _, a in areas_of("IMAGE_EDITOR") if image is not None and a.spaces.active.image == image]
+    _editors[:] = [area.as_pointer() for area in showing]
 
 
 @bpy.app.handlers.persistent
 def after_undo(*_: object) -> None:
     """Show it there again (handler)."""
     image = bpy.data.images.get(NAME) or (show(Path(_newest)) if _editors else None)
-    for area in _image_editors():
+    for _, area in areas_of("IMAGE_EDITOR"):
         if image is not None and area.as_pointer() in _editors and area.spaces.active.image is None:
             area.spaces.active.image = image
     _editors.clear()
-
-
-def _image_editors() -> list[bpy.types.Area]:
-    windows = [w for manager in bpy.data.window_managers for w in manager.windows]
-    return [a for w in windows for a in w.screen.areas if a.type == "IMAGE_EDITOR"]
 
 
 _HANDLERS = (

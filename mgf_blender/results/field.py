@@ -12,7 +12,7 @@ from ..common.errors import UserError
 from ..common.materials import show_points
 from ..common.meshes import make_mesh, prepare_mesh
 from ..common.ply import read_ply
-from ..scene_import.tree import Tree
+from ..scene_import.tree import FIELD_KEY, Tree
 
 #: First band of the spherical harmonics, 1 / (2 sqrt(pi)): colour = 0.5 + SH0 * f_dc.
 _SH0 = 0.28209479177387814
@@ -38,9 +38,9 @@ def import_field(tree: Tree, path: Path) -> bpy.types.Object:
     }
     mesh = make_mesh("Gaussian Field", prepare_mesh(ply.positions - tree.offset, np.zeros((0, 3)), colors, values))
     obj = bpy.data.objects.new("Gaussian Field", mesh)
-    for old in [o for o in tree.objects("Points") if o.get("mgf_field")]:
+    for old in [o for o in tree.objects("Points") if o.get(FIELD_KEY)]:
         bpy.data.objects.remove(old, do_unlink=True)
     tree.add("Points", obj)
-    obj["mgf_field"] = True
+    obj[FIELD_KEY] = True
     show_points(obj, _SIZE * tree.radius)
     return obj

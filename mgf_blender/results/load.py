@@ -261,7 +261,7 @@ def _add_render_object(tree: Tree, camera: bpy.types.Object, view: ResultView) -
     obj.empty_display_type = "IMAGE"
     obj.data = load_image(view.render, "render")  # type: ignore[arg-type]
     obj.empty_image_side = "DOUBLE_SIDED"
-    obj["mgf_photo"] = spec.name
+    obj[PHOTO_KEY] = spec.name
     obj["mgf_held_out"] = view.held_out
     tree.add("Renders", obj)
     _place_in_frustum(obj, spec, camera.data.display_size)

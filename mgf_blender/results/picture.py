@@ -11,6 +11,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..common.materials import COLOR_ATTRIBUTE, new_material
+from ..common.meshes import vertices_of
 from ..common.textures import add_texture_node
 from ..compat import EEVEE
 from ..scene_import.tree import Tree
@@ -103,10 +104,8 @@ def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
     """Return a sample of the vertices in world coordinates, [N, 3]."""
     clouds = []
     for obj in meshes:
-        flat = np.empty(3 * len(obj.data.vertices), np.float32)
-        obj.data.vertices.foreach_get("co", flat)
-        matrix = np.array(obj.matrix_world)
-        xyz = flat.reshape(-1, 3)[:: max(1, len(flat) // 600_000)]
+        matrix, xyz = np.array(obj.matrix_world), vertices_of(obj.data)
+        xyz = xyz[:: max(1, len(xyz) // 200_000)]
         clouds.append(xyz @ matrix[:3, :3].T + matrix[:3, 3])
     return np.concatenate(clouds)
 

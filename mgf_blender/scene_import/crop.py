@@ -10,7 +10,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .tree import ROLE_KEY, Tree, objects_below
+from ..common.meshes import vertices_of
+from .tree import FIELD_KEY, ROLE_KEY, Tree, objects_below
 
 ROLE = "crop"
 _NAME = "Crop Box"
@@ -60,10 +61,8 @@ def crop_text(tree: Tree | None) -> str:
 
 def _points(tree: Tree) -> np.ndarray:
     """Return the sparse points in the empty's frame [N, 3]; without any, a cube of the scene's size."""
-    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices) and not o.get("mgf_field")]
+    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices) and not o.get(FIELD_KEY)]
     if not clouds:
         return tree.radius * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
-    flat = np.empty(3 * len(clouds[0].data.vertices), np.float32)
-    clouds[0].data.vertices.foreach_get("co", flat)
     matrix = np.array(clouds[0].matrix_basis, np.float64)
-    return flat.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+    return vertices_of(clouds[0].data) @ matrix[:3, :3].T + matrix[:3, 3]

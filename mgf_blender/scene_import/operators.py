@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 from ..common.errors import UserError
+from ..common.meshes import vertices_of
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..common.views import enter_camera, frame_scene, side_of_cameras
@@ -213,9 +214,7 @@ def frame_tree(context: bpy.types.Context, tree: Tree) -> None:
     clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices)]
     middle = np.zeros(3)
     if clouds:
-        flat = np.empty(3 * len(clouds[0].data.vertices), np.float32)
-        clouds[0].data.vertices.foreach_get("co", flat)
-        middle = np.median(flat.reshape(-1, 3), axis=0)
+        middle = np.median(vertices_of(clouds[0].data), axis=0)
     matrix = np.array(root.matrix_basis)
     middle = matrix[:3, :3] @ middle + matrix[:3, 3]
     side = side_of_cameras(middle, _centres(tree))

@@ -18,6 +18,7 @@ from .frame import Frame
 
 KINDS = ("Cameras", "Points", "Mesh", "Renders")
 KIND_KEY, OFFSET_KEY, RADIUS_KEY, ROLE_KEY = "mgf_kind", "mgf_offset", "mgf_radius", "mgf_role"
+FIELD_KEY = "mgf_field"  # on the Gaussian field, which lies beside the sparse points
 
 
 class Tree:

@@ -80,9 +80,8 @@ def test_a_photo_in_an_image_editor_stays_and_one_that_nobody_chose_does_not(sta
     at = len(scene.mgf.photos) - 1
     scene.mgf.photo_index = at
     image = properties.photo_image(scene.mgf.photos[at])
-    area = SimpleNamespace(type="IMAGE_EDITOR", spaces=SimpleNamespace(active=SimpleNamespace(image=image)))
-    windows = [SimpleNamespace(screen=SimpleNamespace(areas=[area]))]
-    monkeypatch.setattr(suggest, "open_areas", lambda: [a for window in windows for a in window.screen.areas])
+    area = SimpleNamespace(spaces=SimpleNamespace(active=SimpleNamespace(image=image)))
+    monkeypatch.setattr(suggest, "areas_of", lambda kind: [(None, area)] if kind == "IMAGE_EDITOR" else [])
     bpy.ops.mgf.suggest_clicks()
     assert scene.mgf.photo_index == at
     area.spaces.active.image = None
