@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from support.job_of_house import finish_job
+from support.finished_job import finish_job
 
 from mgf_engine.export.stage import _manifest
 from mgf_engine.job import Job

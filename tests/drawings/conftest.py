@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.job_of_house import FinishedJob, finish_job
+from support.finished_job import FinishedJob, finish_job
 
 from mgf_engine.drawings.make import make_drawings
 from mgf_engine.drawings.work import DrawingOptions

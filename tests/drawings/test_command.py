@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.job_of_house import FinishedJob
+from support.finished_job import FinishedJob
 
 from mgf_engine.cli import main
 

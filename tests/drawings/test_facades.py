@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from support.job_of_house import FinishedJob
+from support.finished_job import FinishedJob
 from trimesh.transformations import rotation_matrix
 
 from mgf_engine.drawings.facades import FacadeOptions, _peak, find_facades

@@ -14,7 +14,7 @@ import ezdxf
 import numpy as np
 import pytest
 import rasterio
-from support.job_of_house import WINDOWS, FinishedJob
+from support.finished_job import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.make import make_drawings

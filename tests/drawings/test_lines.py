@@ -10,7 +10,7 @@ from typing import Any
 import ezdxf
 import numpy as np
 import pytest
-from support.job_of_house import WINDOWS, FinishedJob
+from support.finished_job import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import find_facades

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from support.job_of_house import WINDOWS, FinishedJob
+from support.finished_job import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import facade_through, find_facades

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from support.job_of_house import FinishedJob
+from support.finished_job import FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.ground import TERRAIN, Ground

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.job_of_house import finish_job
+from support.finished_job import finish_job
 from support.jobs import finish_all
 
 from mgf_engine.cli import main

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.job_of_house import FinishedJob, finish_job
+from support.finished_job import FinishedJob, finish_job
 from trimesh.remesh import subdivide_to_size
 
 from benchmarks.synthetic.house import OFFSET

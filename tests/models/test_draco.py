@@ -9,7 +9,7 @@ from typing import Any
 import DracoPy
 import numpy as np
 import pytest
-from support.job_of_house import FinishedJob
+from support.finished_job import FinishedJob
 
 from mgf_engine.geometry.mesh_files import write_glb
 from mgf_engine.messages import Reporter

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.finished_job import FinishedJob
 from support.foreign_readers import glb_issues, run_node, tileset_errors
-from support.job_of_house import FinishedJob
 
 from mgf_engine.messages import Reporter
 from mgf_engine.models.make import make_models

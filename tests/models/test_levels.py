@@ -16,7 +16,7 @@ import numpy as np
 import pyproj
 import pytest
 import trimesh
-from support.job_of_house import FinishedJob
+from support.finished_job import FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.cli import main

@@ -11,7 +11,7 @@ import ifcopenshell
 import ifcopenshell.util.element
 import numpy as np
 import pytest
-from support.job_of_house import WINDOWS, FinishedJob
+from support.finished_job import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.load import read_survey

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from support.job_of_house import FinishedJob
+from support.finished_job import FinishedJob
 from support.solid_shapes import BUILDINGS, Wing, building, gable, volume
 
 from mgf_engine.drawings.load import read_survey

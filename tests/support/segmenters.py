@@ -12,7 +12,7 @@ import pytest
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.base import Hints
 from mgf_engine.masks.segmenters.download import WeightFile
-from tests.masks.small_sam import write_pair
+from support.small_sam import write_pair
 
 
 def hints(shape: tuple[int, int], **given: object) -> Hints:

@@ -8,6 +8,9 @@ from torch import Tensor
 
 from mgf_engine.raster.cpu import TileLists
 
+#: Column of the records that holds the depth of the centre: ``REC_B0`` of csrc/raster/records.h.
+DEPTH = 10
+
 
 def check_lists(lists: TileLists, touched: Tensor, mask: Tensor) -> Tensor:
     """Structure of the lists; returns bool [N, tiles]: which Gaussian is listed where."""
@@ -18,7 +21,7 @@ def check_lists(lists: TileLists, touched: Tensor, mask: Tensor) -> Tensor:
     for tile in range(tiles):
         gid = lists.gid[ranges[tile] : ranges[tile + 1]].long()
         assert len(gid.unique()) == len(gid)
-        depths = lists.records[gid, 10]
+        depths = lists.records[gid, DEPTH]
         assert (depths.diff() >= 0).all(), "a list is not front to back"
         listed[gid, tile] = True
     assert torch.equal(listed.sum(1).int(), lists.tile_counts)

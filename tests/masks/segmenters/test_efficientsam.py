@@ -10,6 +10,7 @@ import onnx
 import onnxruntime
 import pytest
 from support.segmenters import hints, install, iou
+from support.small_sam import write_pair
 
 from benchmarks.synthetic.house import House
 from mgf_engine.config import make_config
@@ -23,7 +24,6 @@ from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
-from tests.masks.small_sam import write_pair
 
 RED, GREEN = (200, 60, 50), (60, 150, 70)
 
