@@ -46,9 +46,7 @@ def frame_scene(
         texture: whether the colours are a texture's, not the vertices'.
         side: from where it should be seen, unit [3]; None keeps the direction.
     """
-    for area in context.screen.areas if context.screen is not None else ():
-        if area.type != "VIEW_3D" or area.spaces.active.region_3d is None:
-            continue
+    for area in _viewports(context):
         space = area.spaces.active
         space.region_3d.view_location = middle.tolist()
         space.region_3d.view_distance = 2.6 * reach  # the sidebar lies over a quarter of the view
@@ -64,23 +62,27 @@ def frame_scene(
 
 def scale_views(context: bpy.types.Context, factor: float) -> None:
     """Let the window's viewports show the same after everything was scaled about the world's origin."""
-    for area in context.screen.areas if context.screen is not None else ():
-        if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None:
-            space = area.spaces.active
-            space.region_3d.view_location = factor * space.region_3d.view_location
-            space.region_3d.view_distance *= factor
-            space.clip_end = max(space.clip_end, factor * space.clip_end)
-            space.clip_start = min(space.clip_start, factor * space.clip_start)
+    for area in _viewports(context):
+        space = area.spaces.active
+        space.region_3d.view_location = factor * space.region_3d.view_location
+        space.region_3d.view_distance *= factor
+        space.clip_end = max(space.clip_end, factor * space.clip_end)
+        space.clip_start = min(space.clip_start, factor * space.clip_start)
 
 
 def enter_camera(context: bpy.types.Context) -> None:
     """Let the window's viewports look through the active camera, its picture beside the sidebar."""
-    for area in context.screen.areas if context.screen is not None else ():
-        if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None:
-            view = area.spaces.active.region_3d
-            if view.view_perspective != "CAMERA":  # else the user may have moved the picture
-                view.view_camera_offset = (_covered_share(area), 0.0)
-            view.view_perspective = "CAMERA"
+    for area in _viewports(context):
+        view = area.spaces.active.region_3d
+        if view.view_perspective != "CAMERA":  # else the user may have moved the picture
+            view.view_camera_offset = (_covered_share(area), 0.0)
+        view.view_perspective = "CAMERA"
+
+
+def _viewports(context: bpy.types.Context) -> list[bpy.types.Area]:
+    """Return the 3D viewports of the window; none where Blender runs without one."""
+    areas = context.screen.areas if context.screen is not None else ()
+    return [area for area in areas if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None]
 
 
 def _covered_share(area: bpy.types.Area) -> float:

@@ -18,6 +18,7 @@ from ..georef.place import note_place
 from ..results.load import SHARP_ANGLE
 from ..results.surface import show
 from ..results.texture import check_picture, load_texture, read_uv
+from ..scene_import.tree import objects_below
 from .files import COORDINATES, MESH, PICTURE, TERRAIN, TERRAIN_MESH, Building, Town
 
 #: On the collection of a town: its folder. On a building's object: its name, its job folder, and its simplified mesh
@@ -29,11 +30,6 @@ def find_town(scene: bpy.types.Scene, folder: Path | None = None) -> bpy.types.C
     """Find the collection of the town in a folder, or of any."""
     towns = [c for c in scene.collection.children_recursive if TOWN_KEY in c]
     return next((c for c in towns if folder is None or Path(bpy.path.abspath(c[TOWN_KEY])) == folder), None)
-
-
-def objects_of(top: bpy.types.Collection) -> list[bpy.types.Object]:
-    """Return the objects of a collection and those in it; Blender's own list of them is stale after an undo."""
-    return [obj for collection in (top, *top.children_recursive) for obj in collection.objects]
 
 
 def import_steps(scene: bpy.types.Scene, town: Town) -> Iterator[float]:
@@ -59,11 +55,11 @@ def import_steps(scene: bpy.types.Scene, town: Town) -> Iterator[float]:
 def remove_town(top: bpy.types.Collection) -> None:
     """Remove the collection of a town with all that the add-on put there; what the user put there stays."""
     del top[TOWN_KEY]
-    ours = [o for o in objects_of(top) if BUILDING_KEY in o]
+    ours = [o for o in objects_below(top) if BUILDING_KEY in o]
     meshes = {mesh for o in ours for mesh in (o.data, o.get(LIGHT_KEY)) if mesh is not None}
     bpy.data.batch_remove(ours)
     bpy.data.batch_remove([mesh for mesh in meshes if mesh.users == 0])
-    bpy.data.batch_remove([c for c in (*top.children_recursive, top) if not objects_of(c)])
+    bpy.data.batch_remove([c for c in (*top.children_recursive, top) if next(objects_below(c), None) is None])
 
 
 def _add_building(top: bpy.types.Collection, building: Building) -> None:

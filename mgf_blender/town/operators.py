@@ -10,8 +10,9 @@ from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..common.views import frame_scene
+from ..scene_import.tree import objects_below
 from .files import read_town
-from .load import BUILDING_KEY, JOB_KEY, LIGHT_KEY, find_town, import_steps, objects_of, show_full, show_light
+from .load import BUILDING_KEY, JOB_KEY, LIGHT_KEY, find_town, import_steps, show_full, show_light
 
 
 class MGF_OT_import_town(FileOperator):
@@ -82,7 +83,7 @@ def is_full(obj: bpy.types.Object) -> bool:
 
 def frame_town(context: bpy.types.Context, top: bpy.types.Collection) -> None:
     """Turn the viewports to a town."""
-    objects = [obj for obj in objects_of(top) if BUILDING_KEY in obj]
+    objects = [obj for obj in objects_below(top) if BUILDING_KEY in obj]
     corners = np.concatenate([np.array(obj.bound_box) for obj in objects])
     low, high = corners.min(0), corners.max(0)
     # In the vertices' colours: the solid mode draws what has no texture grey where it draws textures.

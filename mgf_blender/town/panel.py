@@ -5,7 +5,8 @@ import bpy
 
 from ..common.panels import SidebarPanel
 from ..common.text import draw_sentence, tr
-from .load import BUILDING_KEY, JOB_KEY, find_town, objects_of
+from ..scene_import.tree import objects_below
+from .load import BUILDING_KEY, JOB_KEY, find_town
 from .operators import chosen_buildings, is_full
 
 
@@ -22,7 +23,7 @@ class MGF_PT_town(SidebarPanel, bpy.types.Panel):
         top = find_town(context.scene)
         if top is None:
             return
-        buildings = [obj for obj in objects_of(top) if JOB_KEY in obj]
+        buildings = [obj for obj in objects_below(top) if JOB_KEY in obj]
         full = sum(is_full(obj) for obj in buildings)
         draw_sentence(layout, tr("{count} buildings, {full} in full", count=len(buildings), full=full), "HOME")
         chosen = chosen_buildings(context)
