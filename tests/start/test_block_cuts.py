@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import igl
 import numpy as np
@@ -53,16 +55,31 @@ def whole(plain_house: PlainHouse) -> tuple[StartSurface, int]:
     return made, count
 
 
-@pytest.mark.parametrize("count", [2, 4])
-def test_blocks_make_the_surface_of_the_whole(
-    plain_house: PlainHouse, whole: tuple[StartSurface, int], count: int
-) -> None:
+def in_blocks(house: PlainHouse, count: int) -> StartSurface:
+    """The surface in so many cuts, each of which is told."""
     said: list[str] = []
     reporter = Reporter(lambda m: said.append(m["figures"].get("block")) if m["type"] == "progress" else None,
                         min_interval=0.0)  # fmt: skip
     reporter.stage("field")
-    once, parts = whole[0], surface(plain_house, count, reporter)
+    made = surface(house, count, reporter)
     assert [block for block in said if block] == [f"{k} of {count}" for k in range(1, count + 1)]
+    return made
+
+
+@pytest.fixture(scope="module")
+def halves(plain_house: PlainHouse, tmp_path_factory: pytest.TempPathFactory) -> tuple[StartSurface, Path]:
+    """The surface in two cuts, and the folder in which each was kept as soon as it was made."""
+    folder = tmp_path_factory.mktemp("halves")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(memory, "_scratch", folder)
+        return in_blocks(plain_house, 2), folder
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_blocks_make_the_surface_of_the_whole(
+    plain_house: PlainHouse, whole: tuple[StartSurface, int], halves: tuple[StartSurface, Path], count: int
+) -> None:
+    once, parts = whole[0], halves[0] if count == 2 else in_blocks(plain_house, count)
     assert face_areas(parts.mesh).sum() == pytest.approx(face_areas(once.mesh).sum(), rel=0.03)
     assert len(parts.confidence) == len(parts.mesh.faces)
     for mesh, other in ((once.mesh, parts.mesh), (parts.mesh, once.mesh)):  # no gap, nothing more
@@ -71,20 +88,28 @@ def test_blocks_make_the_surface_of_the_whole(
     assert near[1] > near[0] - 0.02
 
 
+class _Enough(Exception):
+    """Raised in place of the last cut."""
+
+
 def test_each_cut_sees_the_rest_of_the_building_coarsely(
     plain_house: PlainHouse, whole: tuple[StartSurface, int], monkeypatch
 ) -> None:
+    """Counts what each cut is given; the surface of such cuts is tested above."""
     counts: list[int] = []
+    triangle = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
 
     def cut(views, evidence, options, check):
         counts.append(len(evidence.points))
-        return whole_cut(views, evidence, options, check)
+        if len(counts) == 4:
+            raise _Enough
+        return triangle, np.ones(1, np.float32)
 
-    whole_cut = block_cuts.cut_surface
     monkeypatch.setattr(block_cuts, "cut_surface", cut)
     options = replace(StartOptions(), cut=replace(CutOptions(), blocks=4, margin=10.0, coarse=30.0))
-    start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
-    assert len(counts) == 4 and max(counts) < 0.6 * whole[1]
+    with pytest.raises(_Enough):
+        start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
+    assert max(counts) < 0.6 * whole[1]
 
 
 def test_points_beyond_the_margin_are_merged_and_keep_their_views() -> None:
@@ -109,9 +134,12 @@ def test_faces_are_cut_at_the_block_and_keep_their_strength() -> None:
     assert set(kept.tolist()) == {0.25, 0.75}
 
 
-def test_blocks_that_are_done_are_not_cut_again(plain_house: PlainHouse, monkeypatch, tmp_path) -> None:
+def test_blocks_that_are_done_are_not_cut_again(
+    plain_house: PlainHouse, halves: tuple[StartSurface, Path], monkeypatch, tmp_path
+) -> None:
+    first = halves[0]
+    shutil.copytree(halves[1], tmp_path, dirs_exist_ok=True)
     monkeypatch.setattr(memory, "_scratch", tmp_path)
-    first = surface(plain_house, 2)
     sorted((tmp_path / "blocks" / "start").iterdir())[1].unlink()
     cuts: list[int] = []
     whole_cut = block_cuts.cut_surface

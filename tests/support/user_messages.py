@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ _MAKING = {"describe_misfits", "low_texture_warning", "missing_text", "sentences
 _ALL_SAID = ROOT / "mgf_engine" / "errors.py"
 
 
+@functools.cache
 def messages() -> dict[str, str]:
     """Message, with a gap for each value -> the file it stands in."""
     found: dict[str, str] = {}
