@@ -119,6 +119,14 @@ def photograph(
     both: Mesh, house_faces: int, view: View, painted: Paint | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Return the photo (RGB) and the true mask of the house, antialiased by supersampling."""
+    picture, face = photograph_faces(both, house_faces, view, painted)
+    return picture, mask_of_faces(face, 0, house_faces)
+
+
+def photograph_faces(
+    both: Mesh, house_faces: int, view: View, painted: Paint | None = None
+) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
+    """Return the photo (RGB) and the face that each of its supersampled pixels shows (-1: the sky)."""
     s = _SUPERSAMPLE
     large = View(**{**view.__dict__, "width": WIDTH * s, "height": HEIGHT * s, "fx": FOCAL * s, "fy": FOCAL * s,
                     "cx": view.cx * s, "cy": view.cy * s})  # fmt: skip
@@ -129,8 +137,13 @@ def photograph(
     picture = (painted or paint)(points, buffers.face, house_faces)
     picture[buffers.face < 0] = (150, 190, 235)
     small = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    share = cv2.resize((((buffers.face >= 0) & (buffers.face < house_faces)) * 1.0), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)  # noqa: E501  # fmt: skip
-    return small.astype(np.uint8), share > 0.5
+    return small.astype(np.uint8), buffers.face
+
+
+def mask_of_faces(face: NDArray[np.int32], first: int, end: int) -> NDArray[np.bool_]:
+    """Return where more than half of a pixel shows faces from ``first`` to before ``end``."""
+    shown = ((face >= first) & (face < end)) * 1.0
+    return cv2.resize(shown, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) > 0.5  # type: ignore[return-value]
 
 
 def paint(points: NDArray[np.float64], face: NDArray[np.int32], house_faces: int) -> NDArray[np.uint8]:
@@ -149,11 +162,13 @@ def solid_noise(points: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
     cell = np.floor(points).astype(int)
     t = points - cell
     t = t * t * (3 - 2 * t)
-    weights, places = np.moveaxis(np.stack([1 - t, t]), -1, 0), np.moveaxis(np.stack([cell, cell + 1]) & 31, -1, 0)
-    result = np.zeros(points.shape[:-1])
-    for i, j, k in np.ndindex(2, 2, 2):
-        value = lattice[places[0, i], places[1, j], places[2, k]]
-        result += weights[0, i] * weights[1, j] * weights[2, k] * value
+    weights = np.moveaxis(np.stack([1 - t, t]), -1, 0)
+    rows = np.moveaxis(np.stack([cell, cell + 1]) & 31, -1, 0) * np.array([1024, 32, 1]).reshape(3, *[1] * t.ndim)
+    flat, result = lattice.ravel(), np.zeros(points.shape[:-1])
+    for i, j in np.ndindex(2, 2):
+        weight, row = weights[0, i] * weights[1, j], rows[0, i] + rows[1, j]
+        for k in range(2):
+            result += weight * weights[2, k] * flat.take(row + rows[2, k])
     return result
 
 

@@ -11,7 +11,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.synthetic.house import OFFSET, house_mesh, lawn_mesh, paint, photograph, ring_view, write_model
+from benchmarks.synthetic.house import (
+    OFFSET,
+    house_mesh,
+    lawn_mesh,
+    mask_of_faces,
+    paint,
+    photograph_faces,
+    ring_view,
+    write_model,
+)
 from benchmarks.synthetic.meshes import merged
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
@@ -49,13 +58,11 @@ def build_street(folder: Path, photos: int = 20, error: float = 0.1) -> Street:
     views = [_view(k, photos) for k in range(photos)]
     masks: dict[str, dict[str, NDArray[np.bool_]]] = {name: {} for name in PLACES}
     for view in views:
-        picture, _ = photograph(both, len(houses.faces), view, _paint)
+        picture, face = photograph_faces(both, len(houses.faces), view, _paint)
         cv2.imwrite(str(folder / "images" / view.name), picture[:, :, ::-1])
         for number, name in enumerate(PLACES):
             first = number * len(one.faces)
-            order = np.r_[first : first + len(one.faces), 0:first, first + len(one.faces) : len(both.faces)]
-            alone = Mesh(both.vertices, both.faces[order], both.colors)
-            masks[name][view.name] = photograph(alone, len(one.faces), view, lambda p, f, n: np.zeros_like(p))[1]
+            masks[name][view.name] = mask_of_faces(face, first, first + len(one.faces))
     write_model(folder / "sparse" / "0", views, both, houses, 3000, 1500)
     write_footprints(folder / "footprints.geojson", {**PLACES, "gone": GONE}, error)
     return Street(folder, meshes, masks)
