@@ -8,6 +8,7 @@ from ..common.job import DONE, STAGES
 from ..common.panels import PhotoPanel
 from ..common.text import draw_sentence, tr
 from ..properties import key_of
+from ..reconstruct.engine_messages import in_panel_terms, translate_message
 from ..reconstruct.panel import draw_job
 from . import overlay, preview, suggest
 from .properties import BUILDING, active_photo
@@ -125,7 +126,7 @@ class MGF_PT_masks(PhotoPanel, bpy.types.Panel):
             text = tr("Agrees with points: {share:.0%}", share=float(entry.get("score", 0)))
             draw_sentence(layout, text, "NONE")
             if entry.get("flag"):
-                draw_sentence(layout, str(entry["flag"]), "ERROR")
+                draw_sentence(layout, translate_message(str(entry["flag"])), "ERROR")
 
 
 def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -155,7 +156,7 @@ def _draw_preview(
 ) -> None:
     """Say what is wrong with the photo's preview."""
     if found.status == preview.FAILED:
-        draw_sentence(layout, found.text, "ERROR")
+        draw_sentence(layout, translate_message(in_panel_terms(found.text)), "ERROR")
     elif (
         found.status == preview.DONE
         and found.clicks != preview.signature(photo)

@@ -8,7 +8,7 @@ import re
 
 from ..common import options
 from ..common.text import tr
-from .engine_sentences import FAILURES, WARNINGS
+from .engine_sentences import FAILURES, REASONS, WARNINGS
 
 #: In messages of the engine that refer to the picture of all masks.
 CONTACT_SHEET = "contact sheet"
@@ -35,7 +35,7 @@ def _patterns() -> list[tuple[str, re.Pattern[str]]]:
     """Return the sentences with values, each with what recognises it."""
     return [
         (text, re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.*?)", re.escape(text)), re.DOTALL))
-        for text in (*FAILURES, *WARNINGS)
+        for text in (*FAILURES, *WARNINGS, *REASONS)
         if "{" in text
     ]
 

@@ -38,6 +38,7 @@ FAILURES = (
     ),
     N_("No photo got a usable mask; click more points on the building and beside it, in more photos."),
     N_("No mask in '{folder}' fits a photo; name each like its photo, for example '{example}'."),
+    N_("'{file}' has no click on the building in '{photo}'; click at least one point on it."),
     N_("Every mask in '{folder}' is empty; the building should be white, the rest black."),
     N_(
         "Only {count} points lie on the building, too few to start from; add clicks on the building, or photos that "
@@ -132,6 +133,14 @@ WARNINGS = (
         "The job has no true coordinates, so one unit of its scene counts as one metre in its models; give "
         "Georeference control points or scale bars for true lengths."
     ),
+)
+
+#: Why a mask is left out.
+REASONS = (
+    N_("hardly any building in this photo"),
+    N_("mask and points agree only to {share}"),
+    N_("other photos contradict {share} of its points"),
+    N_("the other photos' masks agree with it only to {share}"),
 )
 
 #: Parts that stand for a value in these sentences.

@@ -21,7 +21,8 @@ from mgf_blender import preferences, properties, translations
 from mgf_blender.common import text as text_module
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.text import tr
-from mgf_blender.prompts import files
+from mgf_blender.prompts import files, overlay, preview
+from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.reconstruct import engine_sentences
 from mgf_blender.reconstruct.engine_messages import in_panel_terms, translate_message
 from mgf_blender.reconstruct.panel import MGF_PT_mark
@@ -134,6 +135,7 @@ SAID = {
         "5% des Gebäudes haben weder Struktur noch Punkte; dort ist das Mesh interpoliert. Nähere Fotos, eine höhere "
         "„Auflösung“ oder Streiflicht würden helfen."
     ),
+    "other photos contradict 31% of its points": "andere Fotos widersprechen 31% ihrer Punkte",
     "Nobody has translated this; run again with --resume.": "Nobody has translated this; press Resume.",
 }
 
@@ -141,6 +143,18 @@ SAID = {
 @pytest.mark.parametrize("said", SAID)
 def test_messages_of_the_engine_are_shown_in_german_with_their_values(german, said):
     assert translate_message(in_panel_terms(said)) == SAID[said]
+
+
+def test_why_a_mask_is_left_out_and_a_preview_failed_is_said_in_german(german, house, monkeypatch):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    photo = bpy.context.scene.mgf.photos[0]
+    entry = {"score": 0.5, "used": False, "flag": "other photos contradict 31% of its points"}
+    monkeypatch.setattr(overlay, "mask_entry", lambda scene, name: entry)
+    assert "andere Fotos widersprechen 31% ihrer Punkte" in draw(MGF_PT_masks).said
+    said = "The photo '/a.jpg' does not exist; replace the file or export the photo again."
+    failed = SimpleNamespace(status=preview.FAILED, text=said)
+    monkeypatch.setattr(preview, "of", lambda scene, name: failed)
+    assert photo.name and "Das Foto „/a.jpg“ gibt es nicht" in draw(MGF_PT_prompts).said
 
 
 def test_translated_sentences_are_those_that_the_engine_says():
@@ -155,6 +169,8 @@ def test_translated_sentences_are_those_that_the_engine_says():
 def test_parts_of_sentences_are_those_that_the_engine_says():
     sources = "".join(path.read_text(encoding="utf-8") for path in (REPO / "mgf_engine").rglob("*.py"))
     kinds = "JPEG, PNG, TIFF, WebP or BMP"
+    for reason in engine_sentences.REASONS:
+        assert all(text in sources for text in reason.split("{share}")), reason
     for part in engine_sentences.PARTS:
         assert part.replace(kinds, "{_KINDS}") in sources and kinds in sources, part
 
