@@ -56,6 +56,14 @@ def plain(scene: Scene, clicks: Clicks, tmp_path_factory: pytest.TempPathFactory
     return run(scene, clicks, folder), folder / "masks"
 
 
+@pytest.fixture
+def first_level(plain: tuple[MaskSet, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs begin with the masks of the whole building as ``plain`` has them: they are about the elements."""
+    masks = replace(plain[0], labels=tuple(label.copy() for label in plain[0].labels))
+    made = Propagation(masks, ["" for _ in masks.labels], [], 1.0)
+    monkeypatch.setattr(build, "propagate", lambda *_: made)
+
+
 def test_every_photo_gets_a_good_mask(plain: tuple[MaskSet, Path], scene: Scene, house: House):
     masks, _ = plain
     scores = ious(masks, scene, house)
@@ -178,7 +186,9 @@ def test_positive_clicks_alone(scene: Scene, house: House, clicks: Clicks, tmp_p
     assert ious(masks, scene, house)[masks.used].mean() > 0.9
 
 
-def test_user_parts_are_named_in_every_photo_that_clicked_them(scene: Scene, clicks: Clicks, tmp_path: Path):
+def test_user_parts_are_named_in_every_photo_that_clicked_them(
+    scene: Scene, clicks: Clicks, first_level: None, tmp_path: Path
+):
     named = json.loads(json.dumps(clicks))
     for name in sorted(named)[:2]:
         named[name]["parts"] = {"roof": [named[name]["positive"][1]]}
@@ -191,7 +201,7 @@ def test_user_parts_are_named_in_every_photo_that_clicked_them(scene: Scene, cli
 @pytest.mark.parametrize(
     ("options", "elements"), [({}, False), ({"boundary_loss": True}, True), ({"second_level": "on"}, True)]
 )
-def test_elements_are_found_only_where_something_uses_them(scene, clicks, tmp_path, options, elements):
+def test_elements_are_found_only_where_something_uses_them(scene, clicks, first_level, tmp_path, options, elements):
     masks = run(scene, clicks, tmp_path, **{"second_level": "auto", **options})
     assert any(((m >= 2) & (m < 255)).any() for m in masks.labels) == elements
 
