@@ -14,6 +14,12 @@ from . import overlay, preview, suggest
 from .properties import BUILDING, active_photo
 
 
+def marks_control_points(scene: bpy.types.Scene) -> bool:
+    """Return whether clicks mark control points and not the building: their panel, below, needs the room then."""
+    state = scene.mgf.georef
+    return bool(state.marking and len(state.points))
+
+
 class MGF_UL_photos(bpy.types.UIList):
     """Photos to click on, ticked when they have a point on the building."""
 
@@ -55,6 +61,9 @@ class MGF_PT_prompts(PhotoPanel, bpy.types.Panel):
         column.separator()
         column.operator("mgf.import_prompts", text="", icon="IMPORT")
         column.operator("mgf.export_prompts", text="", icon="EXPORT")
+        if marks_control_points(context.scene):
+            draw_sentence(layout, tr("Clicks mark control points"), "TRACKER")
+            return
         _draw_proposed(layout, context)
         self._draw_photo(context)
         self._draw_mask(context)
@@ -110,7 +119,7 @@ class MGF_PT_masks(PhotoPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return len(context.scene.mgf.photos) > 0
+        return len(context.scene.mgf.photos) > 0 and not marks_control_points(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

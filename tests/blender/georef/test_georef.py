@@ -16,6 +16,7 @@ from mgf_blender.georef import files, magnifier, place
 from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
 from mgf_blender.georef.properties import mark_of, set_mark
 from mgf_blender.georef.tool import dragged
+from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.prompts.tool import MGF_PointTool
 from mgf_blender.reconstruct.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
@@ -235,6 +236,18 @@ def test_gps_alone_needs_no_marks(finished, house):
     finished.georef.control_file, finished.georef.crs = "", "auto"
     bpy.ops.mgf.georeference()
     assert option(house, "--control") == "" and option(house, "--marks") == "" and option(house, "--crs") == "auto"
+
+
+def test_control_points_have_room_below_the_photos_while_they_are_marked(finished):
+    """Prompts and All Photos stand above them: what is of no use meanwhile pushed them out of a window of 900 px."""
+    bpy.ops.mgf.predict_places()  # which takes in the points
+    assert finished.georef.marking and not MGF_PT_masks.poll(bpy.context)
+    drawn = draw(MGF_PT_prompts)
+    assert "mgf.next_photo" in [name for name, *_ in drawn.operators] and "Clicks mark control points" in drawn.said
+    assert not {"mgf.preview_mask", "mgf.suggest_clicks"} & {name for name, *_ in drawn.operators}
+    finished.georef.points.clear()  # without points their panel is not there
+    assert MGF_PT_masks.poll(bpy.context)
+    assert "mgf.preview_mask" in [name for name, *_ in draw(MGF_PT_prompts).operators]
 
 
 def test_the_tool_marks_points_or_the_building_but_never_both(finished):
