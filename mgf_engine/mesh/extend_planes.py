@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.geometry.normals import face_cross_products, unit_vectors
 from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, Planes
@@ -80,19 +79,14 @@ def extend_planes(
     for _ in range(options.rounds):
         at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
     at += slope_steps(mesh, pixel, planes, label, single, options.borders)
-    at, kept = undo_folds(mesh, flat.vertices, at, _face_normals(mesh, flat.vertices, planes, label))
+    at, kept = undo_folds(mesh, flat.vertices, at, planes, _face_labels(mesh, label))
     return replace(flat, vertices=at, values={**flat.values, ON_PLANE: ((label >= 0) & kept).astype(np.uint8)})
 
 
-def _face_normals(mesh: Mesh, flat: Array, planes: Planes, label: NDArray[np.int32]) -> Array:
-    """Return the normal of the plane that each face lies in, or its own in ``flat`` [N, 3] where it is in none, [F, 3].
-
-    Faces of an overhanging dent face away from the plane that the dent goes into.
-    """
-    result, own = unit_vectors(face_cross_products(flat, mesh.faces)), label[mesh.faces]
-    inside = (own[:, 0] >= 0) & (own == own[:, :1]).all(1)
-    result[inside] = planes.normals[own[inside, 0]]
-    return result
+def _face_labels(mesh: Mesh, label: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the plane that all three vertices of each face have, -1 where they differ, [F]."""
+    own = label[mesh.faces]
+    return np.where((own == own[:, :1]).all(1), own[:, 0], -1).astype(np.int32)
 
 
 def _on_border(mesh: Mesh) -> NDArray[np.bool_]:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.normals import face_cross_products
 from mgf_engine.mesh.near_planes import join_ranges, near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.mesh.plane_borders import undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, MeshFaces, Planes, find_planes, measure_faces
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
@@ -61,8 +61,8 @@ def flatten_planes(
     near = near_planes(mesh, size, planes, options.band, options.rings)
     label = _label_creases(mesh, faces, planes, near.vertex, near.plane, options)
     moves, inside = _moves(mesh, size, planes, label, near.vertex, options, relief)
-    moved = _undo_flips(mesh, mesh.vertices + moves)
-    return Flattened(replace(mesh, vertices=moved), planes, inside & (moved != mesh.vertices).any(1))
+    moved, kept = undo_folds(mesh, mesh.vertices, mesh.vertices + moves, planes, label)
+    return Flattened(replace(mesh, vertices=moved), planes, inside & kept)
 
 
 def _label_creases(
@@ -137,22 +137,3 @@ def _moves(
     inside = np.zeros(total, bool)
     inside[np.r_[vertex[one & (share == 1)], rows]] = True
     return moves, inside & ~far
-
-
-def _undo_flips(mesh: Mesh, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move the vertices of faces that the moves would flip back to where they were; returns all vertices, [N, 3]."""
-    before = face_cross_products(mesh.vertices, mesh.faces)
-    size = np.einsum("ij,ij->i", before, before)
-    check = np.flatnonzero((moved != mesh.vertices).any(1)[mesh.faces].any(1))
-    while len(check):
-        after = face_cross_products(moved, mesh.faces[check])
-        turned = np.einsum("ij,ij->i", before[check], after) <= 1e-3 * size[check]
-        turned &= (moved != mesh.vertices).any(1)[mesh.faces[check]].any(1)
-        if not turned.any():
-            break
-        undone = np.unique(mesh.faces[check[turned]])
-        moved[undone] = mesh.vertices[undone]
-        touched = np.zeros(len(moved), bool)
-        touched[undone] = True
-        check = np.flatnonzero(touched[mesh.faces].any(1))
-    return moved

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.geometry.normals import face_cross_products
+from mgf_engine.geometry.normals import face_cross_products, unit_vectors
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
@@ -100,20 +100,28 @@ def fade_moves(
     return moves
 
 
-def undo_folds(mesh: Mesh, before: Array, at: Array, normals: Array) -> tuple[Array, NDArray[np.bool_]]:
+def undo_folds(
+    mesh: Mesh, before: Array, at: Array, planes: Planes, label: NDArray[np.int32]
+) -> tuple[Array, NDArray[np.bool_]]:
     """Move vertices back until no face is turned over: of each such face the one that went furthest, by half its way.
+
+    A face that lies in a plane must not face away from it; faces of an overhanging dent did before. Any other must not
+    face away from its own direction before.
 
     Args:
         mesh: its faces.
         before: vertices before they were moved, [N, 3].
         at: vertices, [N, 3].
-        normals: unit vectors that the faces must not face away from, [F, 3].
+        planes: with normals out of the building.
+        label: the plane that each face lies in, -1 for none, [F].
 
     Returns:
         The vertices [N, 3], and which of them were not moved back, bool [N].
     """
     at, times = at.copy(), np.zeros(len(at), np.int64)
-    size, way = np.linalg.norm(face_cross_products(before, mesh.faces), axis=1), np.linalg.norm(at - before, axis=1)
+    own, way = face_cross_products(before, mesh.faces), np.linalg.norm(at - before, axis=1)
+    size = np.linalg.norm(own, axis=1)
+    normals = np.where(label[:, None] >= 0, planes.normals[label], unit_vectors(own))
     check = np.flatnonzero((way > 0)[mesh.faces].any(1))
     while len(check):
         facing = np.einsum("ij,ij->i", face_cross_products(at, mesh.faces[check]), normals[check])
