@@ -61,7 +61,8 @@ def flatten_planes(
     near = near_planes(mesh, size, planes, options.band, options.rings)
     label = _label_creases(mesh, faces, planes, near.vertex, near.plane, options)
     moves, inside = _moves(mesh, size, planes, label, near.vertex, options, relief)
-    moved, kept = undo_folds(mesh, mesh.vertices, mesh.vertices + moves, planes, label)
+    whole = np.where(inside[mesh.faces].all(1), label, -1)
+    moved, kept = undo_folds(mesh, mesh.vertices, mesh.vertices + moves, planes, whole)
     return Flattened(replace(mesh, vertices=moved), planes, inside & kept)
 
 

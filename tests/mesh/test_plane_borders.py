@@ -15,8 +15,10 @@ def wall():
     return joined(sheet(LINE, LINE, lambda u, v: (u, v, 0 * u)))
 
 
-def up(mesh):
-    return np.tile([0, 0, 1.0], (len(mesh.faces), 1))
+def undone(mesh, before, at, label):
+    """Folds taken back where all faces have the plane z = 0 (label 0) or none (-1)."""
+    labels = np.full(len(mesh.faces), label, np.int32)
+    return undo_folds(mesh, before, at, Planes(np.array([[0, 0, 1.0]]), np.zeros(1), np.full(1, 0.1), labels), labels)
 
 
 def two_planes(step, turn=0.0):
@@ -94,33 +96,36 @@ def test_no_rounds_fade_nothing():
     assert not height[x >= 30].any()
 
 
-def test_a_fold_is_taken_back_and_the_rest_stays():
+@pytest.mark.parametrize("label", [-1, 0])
+def test_a_fold_is_taken_back_and_the_rest_stays(label):
     mesh = wall()
     at = mesh.vertices + np.array([0, 0, 0.5])
     middle = int(np.linalg.norm(mesh.vertices - [30, 30, 0], axis=1).argmin())
     at[middle, 0] += 5  # over its neighbours
-    result, kept = undo_folds(mesh, mesh.vertices, at, up(mesh))
+    result, kept = undone(mesh, mesh.vertices, at, label)
     assert np.linalg.norm(result[middle] - mesh.vertices[middle]) < 1.5, "within its neighbours"
     assert np.flatnonzero(~kept).tolist() == [middle]
     others = np.arange(len(at)) != middle
     assert np.array_equal(result[others], at[others])
 
 
-def test_nothing_is_taken_back_without_folds():
+@pytest.mark.parametrize("label", [-1, 0])
+def test_nothing_is_taken_back_without_folds(label):
     mesh = wall()
     at = mesh.vertices + np.random.default_rng(0).normal(0, 0.05, mesh.vertices.shape)
-    result, kept = undo_folds(mesh, mesh.vertices, at, up(mesh))
+    result, kept = undone(mesh, mesh.vertices, at, label)
     assert kept.all()
     assert np.array_equal(result, at)
 
 
-def test_faces_that_a_crease_leaves_without_area_are_not_turned():
+@pytest.mark.parametrize("label", [-1, 0])
+def test_faces_that_a_crease_leaves_without_area_are_not_turned(label):
     mesh = wall()
     at = mesh.vertices.copy()
     strip = np.abs(at[:, 0] - 31) < 1.2  # of two columns, whose vertices all go onto one line
     assert len(np.unique(at[strip, 0])) == 2
     at[strip, 0] = 30 + np.random.default_rng(0).normal(0, 1e-14, strip.sum())  # rounding gives them any direction
-    result, kept = undo_folds(mesh, mesh.vertices, at, up(mesh))
+    result, kept = undone(mesh, mesh.vertices, at, label)
     assert kept.all()
     assert np.array_equal(result, at)
 
@@ -130,6 +135,6 @@ def test_an_overhanging_dent_goes_into_its_plane():
     before = mesh.vertices.copy()
     middle = int(np.linalg.norm(before - [30, 30, 0], axis=1).argmin())
     before[middle] += [5, 0, -3]  # beneath its neighbours
-    result, kept = undo_folds(mesh, before, mesh.vertices, up(mesh))
+    result, kept = undone(mesh, before, mesh.vertices, 0)
     assert kept.all()
     assert np.array_equal(result, mesh.vertices)
