@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.photo_consistency import PatchPhotos
-from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, undo_folds
+from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, smooth_borders, undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, Planes
 from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
 from mgf_engine.mesh.relief import Relief
@@ -75,12 +75,20 @@ def extend_planes(
             mesh, pixel, planes, np.flatnonzero(single), label[single].astype(np.int64)))  # fmt: skip
     at = flat.vertices.copy()
     at[some] = mesh.vertices[some]
-    at, fixed = constraint.project(at), (label < 0) | _on_border(mesh)
-    for _ in range(options.rounds):
-        at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
+    face_label, fixed = _face_labels(mesh, label), (label < 0) | _on_border(mesh)
+    at = _slide(mesh, constraint, constraint.project(at), fixed, options.rounds)
+    at, border = smooth_borders(mesh, at, face_label, single & ~fixed, constraint.project, options.borders)
+    at = _slide(mesh, constraint, at, fixed | border, options.rounds)
     at += slope_steps(mesh, pixel, planes, label, single, options.borders)
-    at, kept = undo_folds(mesh, flat.vertices, at, planes, _face_labels(mesh, label))
+    at, kept = undo_folds(mesh, flat.vertices, at, planes, face_label)
     return replace(flat, vertices=at, values={**flat.values, ON_PLANE: ((label >= 0) & kept).astype(np.uint8)})
+
+
+def _slide(mesh: Mesh, constraint: _Constraints, at: Array, fixed: NDArray[np.bool_], rounds: int) -> Array:
+    """Smooth vertices [N, 3] within their planes, all but the ``fixed`` [N]."""
+    for _ in range(rounds):
+        at = constraint.project(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
+    return at
 
 
 def _face_labels(mesh: Mesh, label: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -7,12 +7,16 @@ parallel planes become slopes, and vertices whose faces turned over go back.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.geometry.clean import open_edges
+from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.normals import face_cross_products, unit_vectors
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.plane_detection import Planes
@@ -23,6 +27,7 @@ Array = NDArray[np.float64]
 # Minimum share of a face's area before that makes it turned: one whose corners all lie on a crease has none, and so no
 # direction.
 _TURNED_AREA = 1e-6
+_TAUBIN = (0.5, -0.53)  # shares of the way to the mean of the neighbours: towards it, and farther back
 _STEPS_BACK = 4  # that a vertex goes back at most: by half its way each, the last one altogether
 
 
@@ -42,6 +47,47 @@ class PlaneBorderOptions:
     fade_outward: float = parameter(
         0.3, "Further factor on spread moves out of the building: walls sink at windows, whose reveals stay", high=1
     )
+
+    smooth_rounds: int = parameter(
+        10, "Number of rounds of smoothing that straighten the border of a plane, as at windows; 0 leaves it", low=0
+    )
+    shortest: int = parameter(20, "Minimum number of vertices of such a border; shorter ones, around islands, stay")
+
+
+def smooth_borders(
+    mesh: Mesh,
+    at: Array,
+    label: NDArray[np.int32],
+    free: NDArray[np.bool_],
+    project: Callable[[Array], Array],
+    options: PlaneBorderOptions = PlaneBorderOptions(),
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Smooth the curves where planes end, each within its plane, without shrinking them (Taubin 1995).
+
+    Args:
+        mesh: its faces.
+        at: vertices in their planes, [N, 3].
+        label: the plane that each face lies in, -1 for none, [F].
+        free: which vertices may move, bool [N].
+        project: puts vertices [N, 3] back into their planes.
+        options: number of rounds.
+
+    Returns:
+        The vertices [N, 3], and which of the free ones lie on such a curve, bool [N].
+    """
+    edges = np.stack(open_edges(replace(mesh, faces=mesh.faces[label >= 0])))
+    edges = edges[:, free[edges].all(0)]
+    curve = label_components(len(at), *edges)
+    a, b = edges[:, np.bincount(curve)[curve[edges[0]]] >= options.shortest]
+    ends = np.bincount(np.r_[a, b], minlength=len(at))
+    moved = np.flatnonzero(ends == 2)  # where curves end or meet, they stay
+    mean = sparse.csr_matrix((np.full(2 * len(a), 0.5), (np.r_[a, b], np.r_[b, a])), (len(at), len(at)))[moved]
+    for share in _TAUBIN * options.smooth_rounds:
+        way = mean @ at - at[moved]
+        at = at.copy()
+        at[moved] += share * way
+        at = project(at)
+    return at, ends > 0
 
 
 def slope_steps(
