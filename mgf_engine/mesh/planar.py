@@ -72,7 +72,7 @@ def _label_creases(
     planes: Planes,
     vertex: NDArray[np.int64],
     plane: NDArray[np.int64],
-    o: PlanarOptions,
+    options: PlanarOptions,
 ) -> NDArray[np.int32]:
     """Return the plane of each face, int32 [F]; faces along creases get the nearest of their planes."""
     corner = mesh.adjacency.corner
@@ -90,7 +90,8 @@ def _label_creases(
     face, of = face[order], of[order]
     first = np.r_[True, face[1:] != face[:-1]][: len(face)]
     second = np.flatnonzero(first) + 1  # every face here has two planes at least
-    meet = np.einsum("ij,ij->i", planes.normals[of[first]], planes.normals[of[second]]) < np.cos(np.radians(o.crease))
+    cosine = np.einsum("ij,ij->i", planes.normals[of[first]], planes.normals[of[second]])
+    meet = cosine < np.cos(np.radians(options.crease))
     label[face[first][meet]] = of[first][meet]
     return label
 
@@ -101,7 +102,7 @@ def _moves(
     planes: Planes,
     label: NDArray[np.int32],
     near: NDArray[np.int64],
-    o: PlanarOptions,
+    options: PlanarOptions,
     relief: Relief | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the shortest way of each vertex into the planes of its faces, [N, 3], none where it is too far.
@@ -114,7 +115,8 @@ def _moves(
     key = np.unique(mesh.faces[labelled].astype(np.int64) * count + label[labelled, None])
     vertex, plane = np.divmod(key, count)
     off = planes.distances(mesh.vertices[vertex], plane)
-    reach = np.where(several[vertex], o.band, np.minimum(o.sigmas * planes.noise[plane], o.band)) * pixel[vertex]
+    noise = np.minimum(options.sigmas * planes.noise[plane], options.band)
+    reach = np.where(several[vertex], options.band, noise) * pixel[vertex]
     times = np.bincount(vertex, minlength=total)
     one = times[vertex] == 1
     # A fixed vertex next to a moved one would make a step: vertices a little farther away move by a share.
@@ -133,7 +135,7 @@ def _moves(
     matrix[at, place[more]], want[at, place[more]] = planes.normals[plane[more]], -off[more]
     if len(rows):
         moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=PARALLEL), want)
-    far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, o.crease_move, o.band) * pixel
+    far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, options.crease_move, options.band) * pixel
     moves[far] = 0
     inside = np.zeros(total, bool)
     inside[np.r_[vertex[one & (share == 1)], rows]] = True

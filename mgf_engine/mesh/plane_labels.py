@@ -105,7 +105,7 @@ def label_vertices(
 
 
 def _fill_islands(
-    mesh: Mesh, pixel: Array, planes: Planes, area: Array, label: NDArray[np.int32], o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, area: Array, label: NDArray[np.int32], options: PlaneLabelOptions
 ) -> NDArray[np.int32]:
     """Give small and low groups of vertices without plane the most frequent label around them.
 
@@ -123,22 +123,22 @@ def _fill_islands(
     frequent[keys[order] // len(planes.normals)] = keys[order] % len(planes.normals)  # the last one written stays
     total = np.bincount(around, minlength=count)
     sums = np.stack([np.bincount(around, planes.normals[plane, k], count) for k in range(3)], 1)
-    even = np.linalg.norm(sums, axis=1) > np.cos(np.radians(o.crease / 4)) * np.maximum(total, 1)
-    rows = np.flatnonzero(free & (even & (total > 0) & (np.bincount(group, area, count) < o.island_area))[group])
+    even = np.linalg.norm(sums, axis=1) > np.cos(np.radians(options.crease / 4)) * np.maximum(total, 1)
+    rows = np.flatnonzero(free & (even & (total > 0) & (np.bincount(group, area, count) < options.island_area))[group])
     height = np.zeros(count)
     np.maximum.at(
         height, group[rows], np.abs(planes.distances(mesh.vertices[rows], frequent[group[rows]])) / pixel[rows]
     )
-    rows = rows[height[group[rows]] < o.island_height]
+    rows = rows[height[group[rows]] < options.island_height]
     label = label.copy()
     label[rows] = frequent[group[rows]]
     return label
 
 
-def _candidates(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> _Candidates:
+def _candidates(mesh: Mesh, pixel: Array, planes: Planes, options: PlaneLabelOptions) -> _Candidates:
     """Return the planes that each vertex may get; none that it faces away from."""
-    near, normals = near_planes(mesh, pixel, planes, o.reach, o.rings), vertex_normals(mesh)
-    kept = np.einsum("ij,ij->i", normals[near.vertex], planes.normals[near.plane]) > o.facing
+    near, normals = near_planes(mesh, pixel, planes, options.reach, options.rings), vertex_normals(mesh)
+    kept = np.einsum("ij,ij->i", normals[near.vertex], planes.normals[near.plane]) > options.facing
     near = NearPlanes(near.vertex[kept], near.plane[kept])
     shift = planes.distances(mesh.vertices[near.vertex], near.plane)
     place = mesh.vertices[near.vertex] - shift[:, None] * planes.normals[near.plane]
@@ -146,64 +146,64 @@ def _candidates(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) 
 
 
 def _plane_costs(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, options: PlaneLabelOptions
 ) -> Array:
     """Return what each pair costs per square ground pixel, [K]."""
     near = candidates.near
     found = planes.label >= 0
     size = face_areas(mesh)[found] / pixel[mesh.faces[found]].mean(1) ** 2
     areas = np.bincount(planes.label[found], size, len(planes.normals))
-    poor = np.clip(np.maximum(o.small_area / np.maximum(areas, 1e-12), planes.noise / o.large_noise), 0, 1)
-    beyond = _beyond_creases(mesh, pixel, planes, candidates, 1 - poor, o)
+    poor = np.clip(np.maximum(options.small_area / np.maximum(areas, 1e-12), planes.noise / options.large_noise), 0, 1)
+    beyond = _beyond_creases(mesh, pixel, planes, candidates, 1 - poor, options)
     return (
-        _photo_costs(mesh, pixel, planes, photos, candidates, o)
-        + o.distance_cost * candidates.off / max(o.reach, 1e-12)
-        + o.small_plane_cost * poor[near.plane]
-        + o.beyond_cost * beyond
+        _photo_costs(mesh, pixel, planes, photos, candidates, options)
+        + options.distance_cost * candidates.off / max(options.reach, 1e-12)
+        + options.small_plane_cost * poor[near.plane]
+        + options.beyond_cost * beyond
     )
 
 
 def _photo_costs(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, options: PlaneLabelOptions
 ) -> Array:
     """Return the loss of correlation from a vertex to its projection, where photos have contrast, [K]."""
     cost = np.zeros(len(candidates.off))
-    asked = np.flatnonzero(candidates.off > o.trusted_distance)
+    asked = np.flatnonzero(candidates.off > options.trusted_distance)
     vertex, plane = candidates.near.vertex[asked], candidates.near.plane[asked]
     own, index = np.unique(vertex, return_inverse=True)
     here, contrast = compare_patches(photos, own, mesh.vertices[own], candidates.normals[own], pixel[own])
     there, other = compare_patches(photos, vertex, candidates.place[asked], planes.normals[plane], pixel[vertex])
-    sure = np.minimum(np.maximum(contrast[index], other) / o.contrast, 1)
-    margin = np.where(_at_creases(planes, candidates, o)[vertex], 0.0, o.margin) * np.clip(
-        candidates.off[asked] - o.trusted_distance, 0, 1
+    sure = np.minimum(np.maximum(contrast[index], other) / options.contrast, 1)
+    margin = np.where(_at_creases(planes, candidates, options)[vertex], 0.0, options.margin) * np.clip(
+        candidates.off[asked] - options.trusted_distance, 0, 1
     )
     # Where all photos look from nearly the same side, a dent and a reveal look alike, and the plane is simpler.
     parallax = candidates.off[asked] * 2 * np.tan(widest_angle(photos, mesh.vertices, own)[index] / 2)
-    margin *= np.minimum(parallax / o.sure_parallax, 1)
+    margin *= np.minimum(parallax / options.sure_parallax, 1)
     cost[asked] = sure * (here[index] - there + margin)
     return cost
 
 
-def _at_creases(planes: Planes, candidates: _Candidates, o: PlaneLabelOptions) -> NDArray[np.bool_]:
+def _at_creases(planes: Planes, candidates: _Candidates, options: PlaneLabelOptions) -> NDArray[np.bool_]:
     """Tell which vertices are near two planes that meet at an angle, bool [at least the largest vertex + 1]."""
-    close = candidates.off <= o.crease_reach
+    close = candidates.off <= options.crease_reach
     near = NearPlanes(candidates.near.vertex[close], candidates.near.plane[close])
     result = np.zeros(candidates.near.vertex.max(initial=-1) + 1, bool)
     if len(near.vertex):
         first = np.repeat(near.plane[near.begin[:-1]], np.diff(near.begin))
         cosine = np.einsum("ij,ij->i", planes.normals[first], planes.normals[near.plane])
-        result[near.vertex[cosine < np.cos(np.radians(o.crease))]] = True
+        result[near.vertex[cosine < np.cos(np.radians(options.crease))]] = True
     return result
 
 
 def _beyond_creases(
-    mesh: Mesh, pixel: Array, planes: Planes, candidates: _Candidates, weight: Array, o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, candidates: _Candidates, weight: Array, options: PlaneLabelOptions
 ) -> Array:
     """Return how far each place lies beyond the crease of its plane with another one near the vertex, [K], in px.
 
     Worn edges have small planes of their own: each counts by its ``weight`` [P].
     """
-    near, side = candidates.near, _crease_signs(mesh, pixel, planes, o)
+    near, side = candidates.near, _crease_signs(mesh, pixel, planes, options)
     result = np.zeros(len(candidates.off))
     if not len(result):
         return result
@@ -215,11 +215,11 @@ def _beyond_creases(
         over = (
             -side[near.plane[rows], other] * planes.distances(candidates.place[rows], other) / pixel[near.vertex[rows]]
         )
-        result[rows] = np.maximum(result[rows], weight[other] * (over - o.beyond_noise))
+        result[rows] = np.maximum(result[rows], weight[other] * (over - options.beyond_noise))
     return result
 
 
-def _crease_signs(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions) -> Array:
+def _crease_signs(mesh: Mesh, pixel: Array, planes: Planes, options: PlaneLabelOptions) -> Array:
     """Return for each two planes -1 where their crease is convex, 1 where it is concave, 0 where neither, [P, P]."""
     count = len(planes.normals)
     own = [np.unique(mesh.faces[planes.label == number]) for number in range(count)]
@@ -227,15 +227,15 @@ def _crease_signs(mesh: Mesh, pixel: Array, planes: Planes, o: PlaneLabelOptions
     for number, rows in enumerate(own):
         for other in range(count):
             off = planes.distances(mesh.vertices[rows], np.full(len(rows), other)) / pixel[rows]
-            off = off[np.abs(off) < o.side_reach]
+            off = off[np.abs(off) < options.side_reach]
             above = float((off > 0).mean()) if len(off) else 0.5
-            side[other, number] = (above > o.side) - (above < 1 - o.side)
-    meet = planes.normals @ planes.normals.T < np.cos(np.radians(o.crease / 4))
+            side[other, number] = (above > options.side) - (above < 1 - options.side)
+    meet = planes.normals @ planes.normals.T < np.cos(np.radians(options.crease / 4))
     return np.where(meet & (side == side.T), side, 0.0)
 
 
 def _choose(
-    mesh: Mesh, pixel: Array, planes: Planes, near: NearPlanes, cost: Array, none: Array, o: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, near: NearPlanes, cost: Array, none: Array, options: PlaneLabelOptions
 ) -> NDArray[np.int32]:
     """Minimise the cost of the labels: ``cost`` [K] of pairs, ``none`` [N] of no plane, and of steps along edges."""
     count = len(none)
@@ -246,7 +246,7 @@ def _choose(
     label = _cheapest(vertex, plane, own, begin)
     start, neighbour = mesh.adjacency.neighbours()
     random = np.random.default_rng(0)
-    for _ in range(o.rounds):
+    for _ in range(options.rounds):
         mixed = np.zeros(count, bool)
         mixed[np.repeat(np.arange(count), np.diff(start))[label[neighbour] != np.repeat(label, np.diff(start))]] = True
         mixed &= random.random(count) < 0.5  # simultaneous changes of two neighbours would only swap their labels
@@ -254,7 +254,7 @@ def _choose(
         rows = np.flatnonzero(mixed[vertex])
         for piece in range(0, len(rows), _PIECE):
             some = rows[piece : piece + _PIECE]
-            total[some] += _steps(mesh, pixel, planes, (vertex[some], plane[some]), (start, neighbour), label, o)
+            total[some] += _steps(mesh, pixel, planes, (vertex[some], plane[some]), (start, neighbour), label, options)
         new = _cheapest(vertex, plane, total, begin)
         label = np.where(mixed, new, label)
     return label.astype(np.int32)
@@ -274,7 +274,7 @@ def _steps(
     pairs: tuple[Index, Index],
     neighbours: tuple[Index, Index],
     label: Index,
-    o: PlaneLabelOptions,
+    options: PlaneLabelOptions,
 ) -> Array:
     """Return what the steps between pairs (vertex, plane) [K] and the labels of the vertices' neighbours cost, [K]."""
     (vertex, plane), (start, neighbour) = pairs, neighbours
@@ -287,7 +287,7 @@ def _steps(
     for at in (vertex[row], other):
         apart = _places(mesh, planes, at, plane[row]) - _places(mesh, planes, at, label[other])
         step = np.maximum(step, np.linalg.norm(apart, axis=1) / pixel[at])
-    sums = np.bincount(row, o.step_cost * np.minimum(step / max(o.full_step, 1e-12), 1), len(vertex))
+    sums = np.bincount(row, options.step_cost * np.minimum(step / max(options.full_step, 1e-12), 1), len(vertex))
     return np.asarray(sums, np.float64)
 
 

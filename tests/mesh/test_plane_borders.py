@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from mgf_engine.mesh.plane_borders import PlaneBorderOptions, fade_moves, slope_steps, undo_folds
+from mgf_engine.mesh.plane_borders import PlaneBorderOptions, fade_moves, slope_steps, smooth_borders, undo_folds
 from mgf_engine.mesh.plane_detection import Planes
 from tests.mesh.test_planar import joined, sheet
 
@@ -62,6 +62,53 @@ def test_vertices_without_plane_stay():
     mesh, planes, label = two_planes(0.6)
     label[:] = -1
     assert not slope_steps(mesh, np.ones(len(label)), planes, label, np.ones(len(label), bool)).any()
+
+
+def smoothed_window(half, options=PlaneBorderOptions(), free=None):
+    """A wall with a window of 2 ``half`` around its middle, the ragged border of which is smoothed.
+
+    Returns the vertices before and after, which lie on the window's border, and which on a smoothed curve.
+    """
+    mesh = wall()
+    away = np.abs(mesh.vertices[:, :2] - 30).max(1)
+    label = np.where((away[mesh.faces] > half - 0.1).all(1), 0, -1).astype(np.int32)
+    border = np.abs(away - half) < 0.1
+    before = mesh.vertices + np.random.default_rng(0).uniform(-0.6, 0.6, mesh.vertices.shape) * [1, 1, 0]
+    free = (away < 28) if free is None else free(away)  # the wall's own border stays
+    flat = np.array([1, 1, 0])
+    after, curve = smooth_borders(mesh, before, label, free, lambda at: at * flat, options)
+    return before, after, border, curve
+
+
+def ragged(at, half):
+    """Root mean square of the distances of a border's vertices from the window's outline, corners left out."""
+    sides = np.sort(np.abs(at[:, :2] - 30), axis=1)
+    side = sides[:, 0] < half - 3
+    return float(np.sqrt(((sides[side, 1] - half) ** 2).mean()))
+
+
+def test_ragged_borders_of_windows_become_straight_and_keep_their_size():
+    before, after, border, curve = smoothed_window(12)
+    assert not (curve & ~border).any(), "the window's border, and nothing else"
+    assert curve.sum() >= border.sum() - 2, "but for corners that a diagonal cuts off"
+    assert ragged(after[border], 12) < 0.7 * ragged(before[border], 12)
+    middle = np.abs(after[border, :2] - 30).max(1).mean()
+    assert middle == pytest.approx(12, abs=0.25), "no shrinking"
+    assert not after[:, 2].any(), "within the plane"
+    assert np.array_equal(after[~border], before[~border])
+
+
+@pytest.mark.parametrize(
+    ("half", "options", "free"),
+    [
+        (12, PlaneBorderOptions(smooth_rounds=0), None),
+        (3, PlaneBorderOptions(), None),  # an island of 16 vertices
+        (12, PlaneBorderOptions(), lambda away: (away > 13) & (away < 28)),
+    ],
+)
+def test_borders_stay(half, options, free):
+    before, after, _, _ = smoothed_window(half, options, free)
+    assert np.array_equal(after, before)
 
 
 def faded(height, options=PlaneBorderOptions()):
