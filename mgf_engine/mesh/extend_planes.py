@@ -78,7 +78,7 @@ def extend_planes(
     face_label, fixed = _face_labels(mesh, label), (label < 0) | _on_border(mesh)
     at = _slide(mesh, constraint, constraint.project(at), fixed, options.rounds)
     at, border = smooth_borders(mesh, at, face_label, single & ~fixed, constraint.project, options.borders)
-    at = _slide(mesh, constraint, at, fixed | border, options.rounds)
+    at = _slide(mesh, constraint, at, fixed | border, options.borders.smooth_rounds)
     at += slope_steps(mesh, pixel, planes, label, single, options.borders)
     at, kept = undo_folds(mesh, flat.vertices, at, planes, face_label)
     return replace(flat, vertices=at, values={**flat.values, ON_PLANE: ((label >= 0) & kept).astype(np.uint8)})

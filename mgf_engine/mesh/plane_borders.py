@@ -2,7 +2,7 @@
 """Blend the borders of flattened planes: no step where a plane ends or a bowed wall is two planes, and no fold.
 
 Vertices that go into a plane leave their neighbours behind. So moves fade out over these, small steps between nearly
-parallel planes become slopes, and vertices whose faces turned over go back.
+parallel planes become slopes, ragged borders are smoothed, and vertices whose faces turned over go back.
 """
 
 from __future__ import annotations
@@ -47,9 +47,10 @@ class PlaneBorderOptions:
     fade_outward: float = parameter(
         0.3, "Further factor on spread moves out of the building: walls sink at windows, whose reveals stay", high=1
     )
-
     smooth_rounds: int = parameter(
-        10, "Number of rounds of smoothing that straighten the border of a plane, as at windows; 0 leaves it", low=0
+        10,
+        "Number of rounds of smoothing along the borders of planes, then of sliding beside them; 0 leaves them",
+        low=0,
     )
     shortest: int = parameter(20, "Minimum number of vertices of such a border; shorter ones, around islands, stay")
 
