@@ -160,16 +160,12 @@ def test_worn_edges_of_a_plain_box_become_sharp():
     assert corner_gap(result) < corner_gap(flat)
 
 
-def test_faces_slide_instead_of_staying_folded():
+def test_hardly_a_face_is_turned_over():
     _, result = extended(worn_box(), outside_views(), plain)
-    _, folded = extended(worn_box(), outside_views(), plain, PlaneExtensionOptions(rounds=0))
-
-    def turned(mesh):
-        a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-        return (np.einsum("ij,ij->i", np.cross(b - a, c - a), (a + b + c) / 3 - SIZE / 2) < 0).sum()
-
-    assert turned(result) <= turned(folded)
-    assert turned(result) < 0.01 * len(result.faces)
+    a, b, c = (result.vertices[result.faces[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    outwards = np.einsum("ij,ij->i", cross, (a + b + c) / 3 - SIZE / 2) > 0
+    assert (~outwards & (np.linalg.norm(cross, axis=1) > 1e-6)).sum() < 0.0002 * len(result.faces)
 
 
 def test_nothing_moves_where_nothing_is_near_a_plane():
