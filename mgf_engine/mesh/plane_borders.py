@@ -83,10 +83,9 @@ def smooth_borders(
     ends = np.bincount(np.r_[a, b], minlength=len(at))
     moved = np.flatnonzero(ends == 2)  # where curves end or meet, they stay
     mean = sparse.csr_matrix((np.full(2 * len(a), 0.5), (np.r_[a, b], np.r_[b, a])), (len(at), len(at)))[moved]
+    at = at.copy()
     for share in _TAUBIN * options.smooth_rounds:
-        way = mean @ at - at[moved]
-        at = at.copy()
-        at[moved] += share * way
+        at[moved] += share * (mean @ at - at[moved])
         at = project(at)
     return at, ends > 0
 
