@@ -101,15 +101,17 @@ def wrong_engine(window: Window, out: Path) -> None:
 
 
 def photos(window: Window, scene: Path) -> None:
-    """A photo that is gone; most of them cut off."""
+    """Most photos gone; most of them cut off."""
     names = sorted((scene / "images").iterdir())
-    away = names[3].rename(scene.parent / names[3].name)  # below the scene it would be found
-    fails(window, "3-photo-gone", scene.parent / "job", names[3].name)
-    away.rename(names[3])
-    whole = {path: path.read_bytes() for path in names[: len(names) // 2 + 1]}
+    most = names[: len(names) // 2 + 1]
+    away = {path: path.rename(scene.parent / path.name) for path in most}  # below the scene they would be found
+    fails(window, "3-photos-gone", scene.parent / "job", f"{len(most)} of {len(names)} photos")
+    for path, place in away.items():
+        place.rename(path)
+    whole = {path: path.read_bytes() for path in most}
     for path, content in whole.items():
         path.write_bytes(content[: len(content) // 2])
-    fails(window, "4-photos-cut", scene.parent / "job", f"{len(whole)} of {len(names)} photos")
+    fails(window, "4-photos-cut", scene.parent / "job", f"{len(most)} of {len(names)} photos")
     for path, content in whole.items():
         path.write_bytes(content)
 
