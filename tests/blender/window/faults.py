@@ -104,7 +104,8 @@ def photos(window: Window, scene: Path) -> None:
     """Most photos gone; most of them cut off."""
     names = sorted((scene / "images").iterdir())
     most = names[: len(names) // 2 + 1]
-    away = {path: path.rename(scene.parent / path.name) for path in most}  # below the scene they would be found
+    (elsewhere := scene.parent / "elsewhere").mkdir()  # below the scene they would be found
+    away = {path: path.rename(elsewhere / path.name) for path in most}
     fails(window, "3-photos-gone", scene.parent / "job", f"{len(most)} of {len(names)} photos")
     for path, place in away.items():
         place.rename(path)
