@@ -49,7 +49,7 @@ def read_inputs(
         tables: option -> path of a small file that it names.
 
     Raises:
-        BadInput: the model is damaged, hardly a photo of it is there, or a file cannot be read.
+        BadInput: the model is damaged, fewer than three of its photos are there, or a file cannot be read.
     """
     if not source.is_dir():
         raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")

@@ -116,7 +116,7 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
         cannot be read (:mod:`mgf_engine.scene.unreadable`).
 
     Raises:
-        BadInput: hardly a photo is there, or two files fit one name equally well.
+        BadInput: fewer than three photos are there, or two files fit one name equally well.
     """
     found: dict[str, Path] = {}
     expected = source / "images"
