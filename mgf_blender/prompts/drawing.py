@@ -9,7 +9,7 @@ import bpy
 
 from ..common.image_overlay import ImageOverlay, draw_triangles
 from . import overlay, preview
-from .properties import BUILDING, photo_of_image
+from .properties import BUILDING, marks_control_points, photo_of_image
 
 Color = tuple[float, float, float, float]
 _POSITIVE, _NEGATIVE = (0.16, 0.85, 0.36, 1.0), (0.95, 0.23, 0.2, 1.0)
@@ -35,7 +35,7 @@ def draw() -> None:
     view = context.region.view2d
     if not overlay.job_knows(scene, photo):
         preview.notice(scene, photo)
-    if scene.mgf.show_mask and not scene.mgf.georef.marking:  # which needs the photo's own edges
+    if scene.mgf.show_mask and not marks_control_points(scene):  # which needs the photo's own edges
         overlay.draw(scene, photo, view)
     scale = context.preferences.system.ui_scale
     width, height = space.image.size

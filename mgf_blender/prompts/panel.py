@@ -11,13 +11,7 @@ from ..properties import key_of
 from ..reconstruct.engine_messages import in_panel_terms, translate_message
 from ..reconstruct.panel import draw_job
 from . import overlay, preview, suggest
-from .properties import BUILDING, active_photo
-
-
-def marks_control_points(scene: bpy.types.Scene) -> bool:
-    """Return whether clicks mark control points and not the building: their panel, below, needs the room then."""
-    state = scene.mgf.georef
-    return bool(state.marking and len(state.points))
+from .properties import BUILDING, active_photo, marks_control_points
 
 
 class MGF_UL_photos(bpy.types.UIList):
@@ -61,7 +55,7 @@ class MGF_PT_prompts(PhotoPanel, bpy.types.Panel):
         column.separator()
         column.operator("mgf.import_prompts", text="", icon="IMPORT")
         column.operator("mgf.export_prompts", text="", icon="EXPORT")
-        if marks_control_points(context.scene):
+        if marks_control_points(context.scene):  # whose panel, below, needs the room
             draw_sentence(layout, tr("Clicks mark control points"), "TRACKER")
             return
         _draw_proposed(layout, context)

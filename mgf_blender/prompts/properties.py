@@ -64,6 +64,12 @@ def active_photo(scene: bpy.types.Scene) -> MGF_PG_photo | None:
     return scene.mgf.photos[index] if 0 <= index < len(scene.mgf.photos) else None
 
 
+def marks_control_points(scene: bpy.types.Scene) -> bool:
+    """Return whether clicks mark control points and not the building; without points there is nothing to mark."""
+    state = scene.mgf.georef
+    return bool(state.marking and len(state.points))
+
+
 def show_photo(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     """Show the chosen photo in the image editors of the window."""
     photo = active_photo(self.id_data)

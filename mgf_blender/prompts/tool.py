@@ -10,7 +10,7 @@ from ..common.errors import UserError
 from ..common.operators import Operator
 from .drawing import RADIUS
 from .files import add_click
-from .properties import BUILDING, photo_of_image
+from .properties import BUILDING, marks_control_points, photo_of_image
 
 TOOL_ID = "mgf.point_tool"
 
@@ -101,7 +101,7 @@ class _OnClicks(OnPhoto):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        free = not context.scene.mgf.georef.marking
+        free = not marks_control_points(context.scene)
         return cls.needs(free, "Control points are being marked; switch that off first") and super().poll(context)
 
 

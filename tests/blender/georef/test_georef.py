@@ -253,8 +253,12 @@ def test_control_points_have_room_below_the_photos_while_they_are_marked(finishe
 def test_the_tool_marks_points_or_the_building_but_never_both(finished):
     names = [entry[0] for entry in MGF_PointTool.bl_keymap]
     assert names.index("mgf.click") < names.index("mgf.mark")
-    finished.georef.marking = True
+    bpy.ops.mgf.predict_places()  # which takes in the points
+    assert finished.georef.marking
     with pytest.raises(RuntimeError, match="Control points are being marked"):
+        bpy.ops.mgf.click("EXEC_DEFAULT", photo=0, uv=(1, 1))
+    finished.georef.points.clear()  # their panel, where marking is switched off, is gone with them
+    with pytest.raises(RuntimeError, match="Show one of the listed photos"):  # in -b no editor does
         bpy.ops.mgf.click("EXEC_DEFAULT", photo=0, uv=(1, 1))
     finished.georef.marking = False
     with pytest.raises(RuntimeError, match="Choose a control point to mark first"):

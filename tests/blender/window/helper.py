@@ -112,9 +112,10 @@ def state():
             ]
             found["longest_tick"] = runner.longest_tick()
             found["pids"] = [j.process.pid for j in runner.jobs() if j.process is not None]
+        found["meshes"] = sorted(o.data.session_uid for o in bpy.data.objects if o.get("mgf_kind") == "Mesh")
         arrival = addon_module("results.async_import")
         if arrival is not None:
-            found["longest_step"] = arrival.longest_step()
+            found["longest_step"], found["importing"] = arrival.longest_step(), arrival.under_way(scene)
         surface = addon_module("results.surface")
         if surface is not None:
             found["painted"] = [surface.shown(o.data) for o in bpy.data.objects if o.get("mgf_kind") == "Mesh"]

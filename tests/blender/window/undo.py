@@ -34,8 +34,9 @@ def main() -> int:
     try:
         window.begin()
         for name, command, test in steps(house):
+            before = window.state()["meshes"]
             window.tell(command)
-            window.wait(name, test, 60)
+            window.wait(name, lambda s, test=test, before=before: test(s, before), 60)
             time.sleep(1)
             undo_thrice(window, name)
         window.shot("end")
@@ -45,19 +46,20 @@ def main() -> int:
 
 
 def steps(house: synthetic.House) -> list[tuple]:
-    """What is done, how, and what shows that it was."""
-    has = lambda kind, count: lambda s: s["objects"][kind] == count and not s["browser"]  # noqa: E731
+    """What is done, how, and what shows that it was: a test of the state and of the meshes that were there before."""
+    has = lambda kind, count: lambda s, _: s["objects"][kind] == count and not s["browser"]  # noqa: E731
+    arrived = lambda s, before: has("Mesh", 1)(s, before) and s["meshes"] != before and not s["importing"]  # noqa: E731
     result = f'py bpy.ops.mgf.import_result("INVOKE_DEFAULT", True, directory={str(house.job)!r})'
     plain = "py bpy.ops.mgf.{}('EXEC_DEFAULT', True{})"
     return [
         ("import of the scene", plain.format("import_colmap", f", filepath={str(house.folder)!r}"), has("Cameras", 12)),
-        ("the result", result, has("Mesh", 1)),
-        ("the result once more", result, has("Mesh", 1)),
+        ("the result", result, arrived),
+        ("the result once more", result, arrived),
         ("import again", plain.format("reload_scene", ""), has("Cameras", 12)),
-        ("the result after it", result, has("Mesh", 1)),
-        ("a crop box", plain.format("add_crop_box", ""), lambda s: s["crop"] == 1),
+        ("the result after it", result, arrived),
+        ("a crop box", plain.format("add_crop_box", ""), lambda s, _: s["crop"] == 1),
         ("a camera", plain.format("look_through", ", step=3"), has("Mesh", 1)),
-        ("its render", plain.format("show_in_camera", ", kind='PHOTO'"), lambda s: s["camera"] == "PHOTO"),
+        ("its render", plain.format("show_in_camera", ", kind='PHOTO'"), lambda s, _: s["camera"] == "PHOTO"),
         ("the up axis", plain.format("set_up_axis", ", axis='X'"), has("Mesh", 1)),
     ]
 
