@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.photo_consistency import PatchPhotos
+from mgf_engine.mesh.planar import Flattened
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, smooth_borders, undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, Planes
-from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
+from mgf_engine.mesh.plane_labels import PlaneLabelOptions, fill_islands, label_vertices
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges
@@ -43,9 +44,8 @@ class PlaneExtensionOptions:
 
 def extend_planes(
     mesh: Mesh,
-    flat: Mesh,
+    flat: Flattened,
     pixel: Array,
-    planes: Planes,
     photos: PatchPhotos,
     options: PlaneExtensionOptions = PlaneExtensionOptions(),
     relief: Relief | None = None,
@@ -54,34 +54,42 @@ def extend_planes(
 
     Args:
         mesh: normalised frame.
-        flat: the same with planar parts projected, where vertices without plane stay.
+        flat: the same with planar parts projected, where vertices without plane stay, and the planes found.
         pixel: size of a ground pixel at each vertex, [N].
-        planes: found on ``mesh``.
         photos: what sees its vertices.
         options: costs, distances and rounds.
         relief: keeps what stands out of a plane together; None keeps nothing.
 
     Returns:
-        The mesh with values ``ON_PLANE``; ``flat`` as it is where no vertex belongs to a plane.
+        The mesh with values ``ON_PLANE``, flattened as it was where no vertex belongs to a plane.
     """
+    planes = flat.planes
+    if planes is None:
+        return _marked(flat.mesh, np.zeros(len(pixel), bool))
     label = label_vertices(mesh, pixel, planes, photos, options.labels)
+    label = fill_islands(mesh, pixel, planes, label, flat.plane, options.labels)
     some = np.flatnonzero(label >= 0)
     if not len(some):
-        return flat
+        return _marked(flat.mesh, label >= 0)
     constraint = _constraints(mesh, pixel, planes, label, options)
     single = constraint.single(len(label))
     if relief is not None:
         constraint.raise_planes(np.flatnonzero(single), relief.heights(
             mesh, pixel, planes, np.flatnonzero(single), label[single].astype(np.int64)))  # fmt: skip
-    at = flat.vertices.copy()
+    at = flat.mesh.vertices.copy()
     at[some] = mesh.vertices[some]
     face_label, fixed = _face_labels(mesh, label), (label < 0) | _on_border(mesh)
     at = _slide(mesh, constraint, constraint.project(at), fixed, options.rounds)
     at, border = smooth_borders(mesh, at, face_label, single & ~fixed, constraint.project, options.borders)
     at = _slide(mesh, constraint, at, fixed | border, options.borders.smooth_rounds)
     at += slope_steps(mesh, pixel, planes, label, single, options.borders)
-    at, kept = undo_folds(mesh, flat.vertices, at, planes, face_label)
-    return replace(flat, vertices=at, values={**flat.values, ON_PLANE: ((label >= 0) & kept).astype(np.uint8)})
+    at, kept = undo_folds(mesh, flat.mesh.vertices, at, planes, face_label)
+    return _marked(replace(flat.mesh, vertices=at), (label >= 0) & kept)
+
+
+def _marked(mesh: Mesh, on_plane: NDArray[np.bool_]) -> Mesh:
+    """Return the mesh with values ``ON_PLANE``."""
+    return replace(mesh, values={**mesh.values, ON_PLANE: on_plane.astype(np.uint8)})
 
 
 def _slide(mesh: Mesh, constraint: _Constraints, at: Array, fixed: NDArray[np.bool_], rounds: int) -> Array:

@@ -204,11 +204,11 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     # labelled with, which reach farther.
     photos = see_vertices(mesh, pixel, trusted.views, trusted.photos.grey, options.patches)
     relief = Relief(photos, options.relief)
-    flat, planes, inside = flatten_planes(mesh, pixel, options.planes, relief)
-    if planes is None:
-        return flat
-    result = extend_planes(mesh, flat, pixel, planes, photos, options.extension, relief)
-    inside |= result.values.get(ON_PLANE, np.zeros(len(inside), np.uint8)) > 0
+    flat = flatten_planes(mesh, pixel, options.planes, relief)
+    if flat.planes is None:
+        return flat.mesh
+    result = extend_planes(mesh, flat, pixel, photos, options.extension, relief)
+    inside = (flat.plane >= 0) | (result.values[ON_PLANE] > 0)
     moves = fade_moves(mesh, result.vertices - mesh.vertices, inside, options.extension.borders)
     return replace(result, vertices=mesh.vertices + moves)
 

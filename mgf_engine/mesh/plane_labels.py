@@ -97,20 +97,36 @@ def label_vertices(
         options: costs and distances.
     """
     candidates = _candidates(mesh, pixel, planes, options)
-    area = np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
-    counted = np.minimum(area, options.largest_area)
+    counted = np.minimum(_areas(mesh, pixel), options.largest_area)
     cost = counted[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, options)
-    label = _choose(mesh, pixel, planes, candidates.near, cost, counted * options.no_plane_cost, options)
-    return _fill_islands(mesh, pixel, planes, area, label, options)
+    return _choose(mesh, pixel, planes, candidates.near, cost, counted * options.no_plane_cost, options)
 
 
-def _fill_islands(
-    mesh: Mesh, pixel: Array, planes: Planes, area: Array, label: NDArray[np.int32], options: PlaneLabelOptions
+def fill_islands(
+    mesh: Mesh,
+    pixel: Array,
+    planes: Planes,
+    label: NDArray[np.int32],
+    flat: NDArray[np.int32],
+    options: PlaneLabelOptions = PlaneLabelOptions(),
 ) -> NDArray[np.int32]:
-    """Give small and low groups of vertices without plane the most frequent label around them.
+    """Give small and low groups of vertices without plane the most frequent plane around them.
 
     The planes around them must be nearly parallel; a group between others, such as a crease, stays.
+
+    Args:
+        mesh: normalised frame.
+        pixel: size of a ground pixel at each vertex, [N].
+        planes: found on this mesh.
+        label: the plane of each vertex, [N], -1 for none.
+        flat: the plane that flattening moved each vertex into, [N], -1 for none.
+        options: how small and how low.
+
+    Returns:
+        The labels with those of the groups, [N].
     """
+    area, given = _areas(mesh, pixel), label
+    label = np.where(label >= 0, label, flat)
     start, neighbour = mesh.adjacency.neighbours()
     vertex, free = np.repeat(np.arange(len(label)), np.diff(start)), label < 0
     inside, rim = free[vertex] & free[neighbour], free[vertex] & ~free[neighbour]
@@ -130,9 +146,14 @@ def _fill_islands(
         height, group[rows], np.abs(planes.distances(mesh.vertices[rows], frequent[group[rows]])) / pixel[rows]
     )
     rows = rows[height[group[rows]] < options.island_height]
-    label = label.copy()
-    label[rows] = frequent[group[rows]]
-    return label
+    filled = given.copy()
+    filled[rows] = frequent[group[rows]]
+    return filled
+
+
+def _areas(mesh: Mesh, pixel: Array) -> Array:
+    """Return a third of the area of the faces around each vertex, in square ground pixels, [N]."""
+    return np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
 
 
 def _candidates(mesh: Mesh, pixel: Array, planes: Planes, options: PlaneLabelOptions) -> _Candidates:

@@ -13,7 +13,7 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices, widest_angle
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_detection import Planes
-from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, _fill_islands, label_vertices
+from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, fill_islands, label_vertices
 from mgf_engine.model.mesh import Mesh
 from tests.mesh.test_planar import box, joined, noisy, sheet
 from tests.support.analytic import camera
@@ -66,10 +66,10 @@ def textured(surface):
 def extended(mesh, views, photo, options=PlaneExtensionOptions()):
     pixel = np.ones(len(mesh.vertices))
     pictures = [photo(view) for view in views]
-    flat, planes, _ = flatten_planes(mesh, pixel)
-    assert planes is not None
+    flat = flatten_planes(mesh, pixel)
+    assert flat.planes is not None
     photos = see_vertices(mesh, pixel, views, lambda number: pictures[number])
-    return flat, extend_planes(mesh, flat, pixel, planes, photos, options)
+    return flat.mesh, extend_planes(mesh, flat, pixel, photos, options)
 
 
 def deepest(mesh):
@@ -276,7 +276,7 @@ def test_a_vertex_does_not_go_beyond_the_crease_of_its_plane():
 def test_labels_are_of_planes_or_none():
     mesh = worn_box()
     pixel = np.ones(len(mesh.vertices))
-    _, planes, _ = flatten_planes(mesh, pixel)
+    planes = flatten_planes(mesh, pixel).planes
     views = outside_views()
     photos = see_vertices(mesh, pixel, views, lambda number: plain(views[number]))
     label = label_vertices(mesh, pixel, planes, photos)
@@ -285,16 +285,20 @@ def test_labels_are_of_planes_or_none():
     assert label.max() < len(planes.normals)
 
 
-def island(radius, height=1.5, turn=0.0):
-    """Labels after islands are filled: a wall of two planes ``turn`` degrees apart, without label within ``radius``."""
+def island(radius, height=1.5, turn=0.0, flattened=False):
+    """Labels after islands are filled: a wall of two planes ``turn`` degrees apart, without label within ``radius``.
+
+    If ``flattened``, the wall around has no labels either and was only flattened.
+    """
     mesh = joined(sheet(LINE, LINE, lambda u, v: (u, v, height * (np.hypot(u - 75, v - 75) < radius))))
     angle = np.radians(turn)
     normals = np.array([[0, 0, 1.0], [np.sin(angle), 0, np.cos(angle)]])
     planes = Planes(normals, normals @ MIDDLE, np.full(2, 0.1), np.zeros(len(mesh.faces), np.int32))
     inside = np.hypot(*(mesh.vertices[:, :2] - 75).T) < radius
-    label = np.where(inside, -1, mesh.vertices[:, 0] > 75.1).astype(np.int32)
-    area = np.full(len(label), 1.5**2)
-    result = _fill_islands(mesh, np.ones(len(label)), planes, area, label, PlaneLabelOptions())
+    wall = np.where(inside, -1, mesh.vertices[:, 0] > 75.1).astype(np.int32)
+    none = np.full(len(wall), -1, np.int32)
+    label, flat = (none, wall) if flattened else (wall, none)
+    result = fill_islands(mesh, np.ones(len(label)), planes, label, flat)
     assert np.array_equal(result[~inside], label[~inside])
     return result[inside]
 
@@ -303,6 +307,7 @@ def test_a_small_island_gets_the_plane_around_it():
     assert len(set(island(5.0))) == 1
     assert island(5.0).min() >= 0
     assert island(5.0, turn=3.0).min() >= 0, "two planes of one bowed wall"
+    assert island(5.0, flattened=True).min() >= 0, "the wall around is flat, too"
 
 
 @pytest.mark.parametrize(("radius", "height", "turn"), [(8.0, 1.5, 0.0), (5.0, 3.0, 0.0), (5.0, 1.5, 40.0)])
