@@ -61,7 +61,7 @@ def extend_planes(
         relief: keeps what stands out of a plane together; None keeps nothing.
 
     Returns:
-        The mesh with values ``ON_PLANE``, flattened as it was where no vertex belongs to a plane.
+        The mesh with values ``ON_PLANE``.
     """
     planes = flat.planes
     if planes is None:
@@ -69,8 +69,6 @@ def extend_planes(
     label = label_vertices(mesh, pixel, planes, photos, options.labels)
     label = fill_islands(mesh, pixel, planes, label, flat.plane, options.labels)
     some = np.flatnonzero(label >= 0)
-    if not len(some):
-        return _marked(flat.mesh, label >= 0)
     constraint = _constraints(mesh, pixel, planes, label, options)
     single = constraint.single(len(label))
     if relief is not None:
@@ -78,9 +76,11 @@ def extend_planes(
             mesh, pixel, planes, np.flatnonzero(single), label[single].astype(np.int64)))  # fmt: skip
     at = flat.mesh.vertices.copy()
     at[some] = mesh.vertices[some]
-    face_label, fixed = _face_labels(mesh, label), (label < 0) | _on_border(mesh)
+    flattened, end = (label < 0) & (flat.plane >= 0), _on_border(mesh)
+    face_label, fixed = _face_labels(mesh, np.where(flattened, flat.plane, label)), (label < 0) | end
     at = _slide(mesh, constraint, constraint.project(at), fixed, options.rounds)
-    at, border = smooth_borders(mesh, at, face_label, single & ~fixed, constraint.project, options.borders)
+    # Curves of vertices that were only flattened lie in their plane already and stay in it.
+    at, border = smooth_borders(mesh, at, face_label, (single | flattened) & ~end, constraint.project, options.borders)
     at = _slide(mesh, constraint, at, fixed | border, options.borders.smooth_rounds)
     at += slope_steps(mesh, pixel, planes, label, single, options.borders)
     at, kept = undo_folds(mesh, flat.mesh.vertices, at, planes, face_label)

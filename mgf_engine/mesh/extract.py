@@ -205,10 +205,8 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     photos = see_vertices(mesh, pixel, trusted.views, trusted.photos.grey, options.patches)
     relief = Relief(photos, options.relief)
     flat = flatten_planes(mesh, pixel, options.planes, relief)
-    if flat.planes is None:
-        return flat.mesh
     result = extend_planes(mesh, flat, pixel, photos, options.extension, relief)
-    inside = (flat.plane >= 0) | (result.values[ON_PLANE] > 0)
+    inside = flat.inside | (result.values[ON_PLANE] > 0)
     moves = fade_moves(mesh, result.vertices - mesh.vertices, inside, options.extension.borders)
     return replace(result, vertices=mesh.vertices + moves)
 

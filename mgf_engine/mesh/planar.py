@@ -23,10 +23,18 @@ from mgf_engine.model.mesh import Mesh
 
 
 class Flattened(NamedTuple):
-    """A flattened mesh, the planes (None where there are none) and the plane of each vertex, int32 [N], -1 for none."""
+    """A flattened mesh.
+
+    Attributes:
+        mesh: with planar parts projected; other vertices are where they were.
+        planes: None where there are none.
+        inside: which vertices lie in their plane, crease or corner, bool [N].
+        plane: the plane of those that lie in one alone, int32 [N], -1 for others.
+    """
 
     mesh: Mesh
     planes: Planes | None
+    inside: NDArray[np.bool_]
     plane: NDArray[np.int32]
 
 
@@ -50,7 +58,8 @@ def flatten_planes(
         options: of the planes.
         relief: keeps what stands out of a plane together; None keeps nothing within noise.
     """
-    nothing = Flattened(mesh, None, np.full(len(mesh.vertices), -1, np.int32))
+    count = len(mesh.vertices)
+    nothing = Flattened(mesh, None, np.zeros(count, bool), np.full(count, -1, np.int32))
     if len(mesh.faces) == 0 or not (np.asarray(pixel) > 0).all():
         return nothing
     size: NDArray[np.float64] = np.asarray(pixel, np.float64)
@@ -60,10 +69,10 @@ def flatten_planes(
         return nothing
     near = near_planes(mesh, size, planes, options.band, options.rings)
     label = _label_creases(mesh, faces, planes, near.vertex, near.plane, options)
-    moves, own = _moves(mesh, size, planes, label, near.vertex, options, relief)
-    whole = np.where((own[mesh.faces] >= 0).all(1), label, -1)
+    moves, inside, plane = _moves(mesh, size, planes, label, near.vertex, options, relief)
+    whole = np.where(inside[mesh.faces].all(1), label, -1)
     moved, kept = undo_folds(mesh, mesh.vertices, mesh.vertices + moves, planes, whole)
-    return Flattened(replace(mesh, vertices=moved), planes, np.where(kept, own, -1))
+    return Flattened(replace(mesh, vertices=moved), planes, inside & kept, np.where(kept, plane, -1))
 
 
 def _label_creases(
@@ -104,10 +113,10 @@ def _moves(
     near: NDArray[np.int64],
     options: PlanarOptions,
     relief: Relief | None,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int32]]:
     """Return the shortest way of each vertex into the planes of its faces, [N, 3], none where it is too far.
 
-    Also return one of the planes of each vertex that goes the whole way, int32 [N], -1 for others.
+    Also return which vertices go the whole way, bool [N], and into which plane those with one go, int32 [N], else -1.
     """
     count, total = len(planes.normals), len(pixel)
     several = np.bincount(near, minlength=total) > 1
@@ -137,7 +146,9 @@ def _moves(
         moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=PARALLEL), want)
     far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, options.crease_move, options.band) * pixel
     moves[far] = 0
-    whole = (more | (one & (share == 1))) & ~far[vertex]
+    alone = one & (share == 1) & ~far[vertex]
     own = np.full(total, -1, np.int32)
-    own[vertex[whole]] = plane[whole]
-    return moves, own
+    own[vertex[alone]] = plane[alone]
+    inside = own >= 0
+    inside[rows] = ~far[rows]
+    return moves, inside, own

@@ -313,3 +313,23 @@ def test_a_small_island_gets_the_plane_around_it():
 @pytest.mark.parametrize(("radius", "height", "turn"), [(8.0, 1.5, 0.0), (5.0, 3.0, 0.0), (5.0, 1.5, 40.0)])
 def test_large_and_tall_islands_and_those_on_edges_stay(radius, height, turn):
     assert (island(radius, height, turn) == -1).all()
+
+
+def test_borders_of_walls_that_were_only_flattened_become_straight():
+    """Where no vertex is labelled with a plane, flattened ones are moved along the borders all the same."""
+    random = np.random.default_rng(0)
+
+    def window(u, v):
+        away = np.maximum(np.abs(u - 75), np.abs(v - 75)) + random.normal(0, 1.0, u.shape)
+        return u, v, -6.0 * (away < 30)
+
+    wall = joined(sheet(LINE, LINE, window))
+    no_labels = PlaneLabelOptions(no_plane_cost=0.0, island_area=0.0)
+    flat, result = extended(wall, cameras(), plain, PlaneExtensionOptions(labels=no_labels))
+    assert not result.values[ON_PLANE].any()
+    moved = np.linalg.norm(result.vertices - flat.vertices, axis=1) > 1e-9
+    assert np.abs(result.vertices - flat.vertices)[:, 2].max() < 1e-9, "within wall and pane"
+    moved &= flat.vertices[:, 2] > -1
+    assert moved.sum() > 50
+    before, after = (np.abs(mesh.vertices[moved, :2] - 75).max(1).clip(25, 35) for mesh in (flat, result))
+    assert after.std() < 0.85 * before.std()

@@ -53,7 +53,8 @@ def noisy(mesh, noise=NOISE, seed=0):
 
 def flat(mesh):
     """The flattened mesh, checked for what must always hold."""
-    result, planes, _ = flatten_planes(mesh, np.ones(len(mesh.vertices), np.float32))
+    flattened = flatten_planes(mesh, np.ones(len(mesh.vertices), np.float32))
+    result, planes = flattened.mesh, flattened.planes
     assert np.isfinite(result.vertices).all()
     assert (result.faces == mesh.faces).all()
     before, after = normals(mesh), normals(result)

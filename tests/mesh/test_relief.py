@@ -80,7 +80,7 @@ def test_flattening_keeps_relief_where_it_is_asked_to():
     pixel, clean = np.ones(len(mesh.vertices)), wall(moulding(0.8))
     relief = Relief(photographed(clean, textured(clean)), ReliefOptions(noise=0.1, correlation=(0.0, 0.1)))
     without, kept = flatten_planes(mesh, pixel), flatten_planes(mesh, pixel, relief=relief)
-    both = on_moulding(mesh) & (without.plane >= 0) & (kept.plane >= 0)
+    both = on_moulding(mesh) & without.inside & kept.inside
     raised = (kept.mesh.vertices - without.mesh.vertices)[both, 2]
     assert raised.min() > -1e-9
     assert np.quantile(raised, 0.95) > 0.1
