@@ -40,21 +40,27 @@ class Inputs:
 
 
 def read_inputs(
-    source: Path, prompts: Path | None, masks: Path | None, job: Path, tables: Mapping[str, str] | None = None
+    source: Path,
+    prompts: Path | None,
+    masks: Path | None,
+    job: Path,
+    tables: Mapping[str, str] | None = None,
+    most_missing: float = 1.0,
 ) -> Inputs:
     """Read the identity of all files that the stages will read.
 
     Args:
         source, prompts, masks, job: resolved; ``job`` is the job's own folder, which may lie inside the source.
         tables: option -> path of a small file that it names.
+        most_missing: share of a model's photos that may not be there, 0..1.
 
     Raises:
-        BadInput: the model is damaged, fewer than three of its photos are there, or a file cannot be read.
+        BadInput: the model is damaged, too many of its photos are missing, or a file cannot be read.
     """
     if not source.is_dir():
         raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
     try:
-        scene, names = _scene(source, job)
+        scene, names = _scene(source, job, most_missing)
         clicks = PromptsFile.read(prompts) if prompts is not None else None
         own = None if masks is None else [[n, *_look(p)] for n in names if (p := find_mask(masks, n)) is not None]
         hashes = {name: hashlib.sha256(Path(path).read_bytes()).hexdigest() for name, path in (tables or {}).items()}
@@ -64,14 +70,14 @@ def read_inputs(
     return Inputs(scene, tuple(names), clicks, own, hashes)
 
 
-def _scene(source: Path, job: Path) -> tuple[list[Any], list[str]]:
+def _scene(source: Path, job: Path, most_missing: float) -> tuple[list[Any], list[str]]:
     """Return what is compared of the model and the photos; the photos' names."""
     model = find_model(source, job)
     if model is None:
         root, names = list_photos(source, job)
         return [_place(root, source), [[name, *_look(root / name)] for name in names]], names
     names = photo_names(model)
-    photos = find_photos(names, model, source, job)
+    photos = find_photos(names, model, source, job, most_missing)
     files = [[file.name, *_content(file)] for file in model_files(model)]
     looked_at = [
         [n, _place(p, source), *(_look(p) if p.is_file() else ["missing"])] for n, p in zip(names, photos, strict=True)

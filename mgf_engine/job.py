@@ -30,6 +30,7 @@ from mgf_engine.job_folder import (
     read_job,
 )
 from mgf_engine.runs import delivered
+from mgf_engine.scene.validation import ValidationOptions
 from mgf_engine.stage_keys import TABLES, adjusts_to_control, stage_keys
 from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, Stage, stage_named
 from mgf_engine.system import atomic_path, sweep, write_json
@@ -111,7 +112,9 @@ class Job:
         try:
             job = plan()  # again: another process may have finished stages before it released the lock
             tables = {name: value for name in TABLES if (value := getattr(job.config, name))}
-            job.inputs = read_inputs(job.source, job.prompts, job.masks, folder, tables)
+            # More than the scene stage leaves out it would refuse, but only when the results of before are gone.
+            most = job.config.algorithm(ValidationOptions).most_unreadable
+            job.inputs = read_inputs(job.source, job.prompts, job.masks, folder, tables, most)
             job.keys = stage_keys(job.config, job.inputs)
             sweep(folder)
             job.save()

@@ -236,6 +236,27 @@ def test_a_photo_that_is_gone_is_named_and_nothing_is_lost(tmp_path: Path, model
         assert all(job.done(stage) for stage in STAGE_NAMES)
 
 
+def test_photos_on_a_disk_that_is_not_there_cost_no_stage(tmp_path: Path, model: Path) -> None:
+    """Three of seven are enough to go on with, but by far too few: the job would be made anew and then be refused."""
+    names = [f"{k}.jpg" for k in range(7)]
+    images = "".join(f"{k} 1 0 0 0 0 0 0 1 {name}\n\n" for k, name in enumerate(names, 1))
+    (model / "images.txt").write_text(images)
+    for name in names:
+        (model / "images" / name).write_bytes(b"x")
+    with Job.start(tmp_path / "job", model) as job:
+        finish_all(job)
+    away = tmp_path / "away" / "disk"
+    away.mkdir(parents=True)
+    for name in names[:4]:
+        (model / "images" / name).rename(away / name)
+    with pytest.raises(BadInput, match=r"4 of 7 photos .*'0\.jpg'"):
+        Job.start(tmp_path / "job", resume=True)
+    for name in names[:4]:
+        (away / name).rename(model / "images" / name)
+    with Job.start(tmp_path / "job", resume=True) as job:
+        assert all(job.done(stage) for stage in STAGE_NAMES)
+
+
 def test_a_job_folder_inside_the_scene_does_not_change_the_scene(source: Path) -> None:
     with Job.start(source / "out", source) as job:
         before = job.keys

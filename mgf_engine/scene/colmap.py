@@ -100,7 +100,9 @@ def photo_names(folder: Path) -> list[str]:
     return sorted((colmap_binary if kind == ".bin" else colmap_text).read_names(folder / ("images" + kind)))
 
 
-def find_photos(names: list[str], model: Path, source: Path, exclude: Path | None = None) -> list[Path]:
+def find_photos(
+    names: list[str], model: Path, source: Path, exclude: Path | None = None, most_missing: float = 1.0
+) -> list[Path]:
     """Find the photo file of each name in the model.
 
     Tried in turn: the usual folders around the model, then any file below ``source`` whose path ends like the name.
@@ -110,13 +112,14 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
         model: folder of the model.
         source: folder that the user gave.
         exclude: folder that is not searched, such as the job's.
+        most_missing: share of the photos that may not be there, 0..1.
 
     Returns:
         A path for each name; of a photo that is not there, where it was expected: it is then left out as one that
         cannot be read (:mod:`mgf_engine.scene.unreadable`).
 
     Raises:
-        BadInput: fewer than three photos are there, or two files fit one name equally well.
+        BadInput: fewer than three photos are there, more than may are missing, or two files fit one name equally well.
     """
     found: dict[str, Path] = {}
     expected = source / "images"
@@ -136,7 +139,8 @@ def find_photos(names: list[str], model: Path, source: Path, exclude: Path | Non
             if len(fits) == 1:
                 found[name] = fits[0]
                 missing.remove(name)
-    if missing and (doubtful or len(found) < min(FEWEST, len(names))):
+    too_few = len(found) < min(FEWEST, len(names)) or len(missing) > most_missing * len(names)
+    if missing and (doubtful or too_few):
         raise BadInput(
             f"{len(missing)} of {len(names)} photos of the COLMAP model are not there (first: '{missing[0]}'); "
             f"put the photos into '{source / 'images'}', or take them out of the model (colmap image_deleter)."
