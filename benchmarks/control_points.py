@@ -37,7 +37,7 @@ from mgf_engine.scene.load import load_scene
 Array = NDArray[np.float64]
 CRS, ORIGIN = "EPSG:25832", np.array([691_200.0, 5_334_800.0, 500.0])
 CONTROL, CHECK = 5, 3
-FEWEST = 5  # photos that see a point
+MIN_VIEWS = 5  # photos that see a point
 METHODS = {"GPS": {}, "laid onto control points": {"control_adjust": "off"}, "cameras adjusted": {}}
 
 
@@ -68,9 +68,9 @@ def targets_of(folder: Path) -> list[Target]:
     truth, model = read_surface(folder / "truth.ply"), pycolmap.Reconstruction(folder / "sparse_truth")
     corners = np.unique(truth.vertices.round(3), axis=0)
     seen = [_seen_in(corners, image, truth) for image in model.images.values()]
-    often = np.flatnonzero(np.isfinite(np.stack(seen)[..., 0]).sum(0) >= FEWEST)
+    often = np.flatnonzero(np.isfinite(np.stack(seen)[..., 0]).sum(0) >= MIN_VIEWS)
     if len(often) < CONTROL + CHECK:
-        raise BadInput(f"Only {len(often)} corners of '{folder}' are seen in {FEWEST} photos; take another scene.")
+        raise BadInput(f"Only {len(often)} corners of '{folder}' are seen in {MIN_VIEWS} photos; take another scene.")
     places = corners[often]
     chosen = [int(np.linalg.norm(places - places.mean(0), axis=1).argmax())]
     while len(chosen) < CONTROL + CHECK:

@@ -21,7 +21,7 @@ from mgf_engine.images import UnreadablePhoto, read_infos
 from mgf_engine.machine_speed import known_speed
 from mgf_engine.masks.building_share import building_share
 from mgf_engine.masks.prompts import PromptsFile
-from mgf_engine.scene.colmap import FEWEST, find_model, find_photos, list_photos, photo_names, too_few_photos
+from mgf_engine.scene.colmap import MIN_SFM_PHOTOS, find_model, find_photos, list_photos, photo_names, too_few_photos
 from mgf_engine.stages import STAGE_NAMES
 from mgf_engine.system import cores
 
@@ -75,8 +75,8 @@ def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
     if model is None:
         root, names = list_photos(source, exclude)
         paths = [root / name for name in names]
-        if len(paths) < FEWEST:
-            raise too_few_photos(root, len(paths), FEWEST, exclude)
+        if len(paths) < MIN_SFM_PHOTOS:
+            raise too_few_photos(root, len(paths), MIN_SFM_PHOTOS, exclude)
     else:
         paths = find_photos(photo_names(model), model, source, exclude)
     infos = read_infos([paths[k] for k in np.unique(np.linspace(0, len(paths) - 1, _HEADERS).astype(int))])

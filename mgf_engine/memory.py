@@ -20,7 +20,7 @@ from mgf_engine.system import peak_memory, release_memory
 
 GB = 1e9
 #: Share of the free memory at the start that a job may use by default.
-USUAL = 0.75
+DEFAULT_SHARE = 0.75
 #: Bytes that work beside other work may take: the tetrahedra of 1.6 million points, of most jobs with 50 photos.
 BESIDE = 0.4 * GB
 _SAMPLE_SECONDS = 0.5
@@ -60,8 +60,8 @@ def _left_in_groups(root: Path = _CGROUPS, own: Path = Path("/proc/self/cgroup")
 
 
 def budget_of(gigabytes: float, free: int | None = None) -> float:
-    """Return the memory budget of a job in bytes: the user's limit, else the share :data:`USUAL` of the free memory."""
-    return gigabytes * GB if gigabytes else USUAL * (free_memory() if free is None else free)
+    """Return the memory budget of a job in bytes: the user's limit, else :data:`DEFAULT_SHARE` of the free memory."""
+    return gigabytes * GB if gigabytes else DEFAULT_SHARE * (free_memory() if free is None else free)
 
 
 def allow(budget: float, folder: Path | None = None, strict: bool = False) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 Mutator = Callable[[bytes, random.Random], bytes]
 
 #: Bytes; what is doubled again and again would fill the memory here, not in the reader.
-LARGEST = 4 << 20
+MAX_BYTES = 4 << 20
 INTEGERS = (0, 1, 2, 255, 256, 65535, 1 << 31, (1 << 31) - 1, (1 << 32) - 1, 1 << 40, 1 << 62, (1 << 63) - 1, 1 << 63,
             (1 << 64) - 1)  # fmt: skip
 FLOATS = (float("nan"), float("inf"), float("-inf"), 0.0, -0.0, 1e-320, 1e300, -1e300, 1e15, -1.0)
@@ -235,4 +235,4 @@ def mutate(data: bytes, kind: str, rng: random.Random) -> bytes:
     """One to four damages of the kinds that suit the file."""
     for _ in range(rng.choice((1, 1, 1, 2, 2, 3, 4))):
         data = rng.choice(BY_KIND[kind])(data, rng)
-    return data[:LARGEST]
+    return data[:MAX_BYTES]

@@ -15,7 +15,7 @@ from mgf_engine.drawings.vector_files import file_shift
 from mgf_engine.system import atomic_path
 
 TILE = 256
-SMALLEST = 256  # px; no overview is smaller
+MIN_OVERVIEW_SIDE = 256  # px; no overview is smaller
 
 
 def write_geotiff(path: Path, bands: NDArray[Any], grid: Grid, survey: Survey, tags: dict[str, str]) -> None:
@@ -95,6 +95,6 @@ def _numbers(values: NDArray[np.float64]) -> str:
 
 def _overviews(grid: Grid) -> list[int]:
     factors: list[int] = []
-    while max(grid.width, grid.height) / 2 ** (len(factors) + 1) >= SMALLEST:
+    while max(grid.width, grid.height) / 2 ** (len(factors) + 1) >= MIN_OVERVIEW_SIDE:
         factors.append(2 ** (len(factors) + 1))
     return factors or [2]

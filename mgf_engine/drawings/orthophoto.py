@@ -23,7 +23,7 @@ from mgf_engine.texture.bake import barycentric, look_up
 from mgf_engine.texture.painting import Painting
 
 AROUND = np.ones((3, 3), np.uint8)
-RIM = 1e-3  # what a photo counts where the point lies within a pixel of an outline: its colour is mixed there
+EDGE_WEIGHT = 1e-3  # what a photo counts where the point lies within a pixel of an outline: its colour is mixed there
 
 
 class Visibility:
@@ -42,8 +42,9 @@ class Visibility:
             normals: of the surface there, unit [n, 3].
 
         Returns:
-            Size in pixels squared per unit of area, 0 for points that are not shown, :data:`RIM` times that within a
-            pixel of the building's outline or of something nearer, [n]; and which points are away from those, bool [n].
+            Size in pixels squared per unit of area, 0 for points that are not shown, :data:`EDGE_WEIGHT` times that
+            within a pixel of the building's outline or of something nearer, [n]; and which points are away from those,
+            bool [n].
         """
         camera = self._painting.views[view]
         border, hidden = self._painting.visibility.border, self._painting.visibility.hidden
@@ -56,7 +57,7 @@ class Visibility:
         inside &= facing > self._painting.visibility.least_cosine
         clear = (nearest[row, column] * (1 + hidden) >= depth) & (shown[row, column] > 1)
         size = facing * (camera.fx / np.where(inside, depth, 1.0)) ** 2
-        return np.where(inside, np.where(clear, size, RIM * size), 0.0), inside & clear
+        return np.where(inside, np.where(clear, size, EDGE_WEIGHT * size), 0.0), inside & clear
 
     def _depth_range(self, view: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
         """Return the least and largest depth within a pixel, and 2 if all pixels there are building, 1 if one is.

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.evaluation.lpips import SMALLEST, Lpips
+from mgf_engine.evaluation.lpips import MIN_SIDE, Lpips
 
 #: PSNR of pictures that are equal (the true value is infinite, which JSON cannot say).
 PSNR_LIMIT = 100.0
@@ -84,9 +84,9 @@ def _box(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
     for axis, size in enumerate(mask.shape):
         there = np.flatnonzero(mask.any(1 - axis))
         low, high = int(there[0]), int(there[-1]) + 1
-        missing = max(0, SMALLEST - (high - low))
-        low = max(0, min(low - missing // 2, size - SMALLEST))
-        sides.append(slice(low, min(size, max(high, low + SMALLEST))))
+        missing = max(0, MIN_SIDE - (high - low))
+        low = max(0, min(low - missing // 2, size - MIN_SIDE))
+        sides.append(slice(low, min(size, max(high, low + MIN_SIDE))))
     return sides[0], sides[1]
 
 

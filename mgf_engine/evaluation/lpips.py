@@ -26,7 +26,7 @@ from mgf_engine.masks.segmenters.download import WEIGHTS, check_file, default_fo
 NETWORKS = {"lpips-alex": "AlexNet", "lpips-vgg": "VGG-16"}  # the first that is there is taken
 #: Mean and spread of the pictures the networks were trained on, for colours in -1..1.
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
-SMALLEST = 64  # px that the longest side of a picture must have for both networks
+MIN_SIDE = 64  # px that the longest side of a picture must have for both networks
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Lpips:
 
     def distance(self, photo: NDArray[np.uint8], render: NDArray[np.uint8]) -> float | None:
         """Compute eq. 29 of two pictures RGB uint8 [h, w, 3]; None where they are too small for the network."""
-        if min(photo.shape[:2]) < SMALLEST:
+        if min(photo.shape[:2]) < MIN_SIDE:
             return None
         total = 0.0
         with torch.no_grad():

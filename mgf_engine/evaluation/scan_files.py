@@ -12,7 +12,7 @@ import numpy as np
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Points
 
-MOST = 10_000_000  # points kept, evenly over the file
+MAX_POINTS = 10_000_000  # points kept, evenly over the file
 NEEDED = {".las": ("laspy",), ".laz": ("laspy", "lazrs"), ".e57": ("pye57",), ".ply": ()}
 
 
@@ -40,7 +40,7 @@ def read_scan(path: Path) -> Points:
     points = points[np.isfinite(points).all(1)]
     if len(points) < 100:
         raise BadInput(f"The scan '{path}' has {len(points)} points; a comparison needs a hundred at least.")
-    return points[:: -(-len(points) // MOST)]
+    return points[:: -(-len(points) // MAX_POINTS)]
 
 
 def _read_las(path: Path) -> Points:

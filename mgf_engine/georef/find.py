@@ -18,7 +18,7 @@ from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, rea
 from mgf_engine.georef.crs import AUTO, Projection, enu
 from mgf_engine.georef.doubts import check_marks, check_points, wrong_marks
 from mgf_engine.georef.fit_control import ControlFit, fit_control
-from mgf_engine.georef.fit_gps import FEWEST, GpsFit, fit_gps
+from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS, GpsFit, fit_gps
 from mgf_engine.georef.gps import Place, read_place
 from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
 from mgf_engine.georef.options import GeoreferenceOptions
@@ -75,7 +75,7 @@ def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable
     control, placed, failed = _marked(scene, options, warn)
     projection = _projection(options, control, known)
     if control.points:
-        check_points(control.points, projection, known if len(known) >= FEWEST else None)
+        check_points(control.points, projection, known if len(known) >= MIN_GPS_POSITIONS else None)
         fit = _by_control(scene, control, placed, failed, projection, up, options)
     else:
         fit = _without_control(scene, places, known, projection, up, options, warn)
@@ -190,7 +190,7 @@ def _without_control(
         if isinstance(fit, GpsFit):
             return _gps_fit(scene, places, fit, offset, projection, up)
         reason = fit
-        if len(known) >= FEWEST:
+        if len(known) >= MIN_GPS_POSITIONS:
             warn(
                 f"The GPS of the photos cannot place the building: {fit}; control points or scale bars (see "
                 "docs/georeferencing.md) would."

@@ -13,7 +13,7 @@ from mgf_engine.georef.options import GpsFitOptions
 from mgf_engine.georef.similarity import LINE, Direction, adjusted, applied, consensus, straightness, umeyama
 
 Array = NDArray[np.float64]
-FEWEST = 4  # positions: three give a similarity, the fourth checks it
+MIN_GPS_POSITIONS = 4  # positions: three give a similarity, the fourth checks it
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,11 @@ def fit_gps(
     Returns:
         The fit, or why there is none, as the end of a sentence.
     """
-    if len(places) < FEWEST:
+    if len(places) < MIN_GPS_POSITIONS:
         return f"only {len(places)} photos have one"
     sd = np.array([[p.sd[0], p.sd[0], p.sd[1]] for p in places])
     known = sd[:, 2] < 1e3
-    if known.sum() < FEWEST:
+    if known.sum() < MIN_GPS_POSITIONS:
         return "they have no heights"
     if straightness(targets[known] * (1, 1, 0)) < LINE:
         return "they lie on a line"
@@ -63,7 +63,7 @@ def fit_gps(
     for wider in options.widening:
         good = np.zeros(len(places), bool)
         good[known] = consensus(centres[known], targets[known], wider * tolerance[known])
-        if good.sum() >= max(FEWEST, options.agreeing * known.sum()):
+        if good.sum() >= max(MIN_GPS_POSITIONS, options.agreeing * known.sum()):
             break
     else:
         return "they contradict the cameras"

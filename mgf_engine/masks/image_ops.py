@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 #: The standard deviation of a blur on the reduced photo, in its pixels.
 SMALL_SIGMA = 6.0
 #: A disc holds the pixels this much farther from its centre than its radius: half pixels at the rim count.
-RIM = 0.3
+DISC_MARGIN = 0.3
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,14 @@ def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     """Dilate a mask [H, W] with a disc."""
     if not mask.any():
         return np.zeros_like(mask)
-    return np.asarray(_distance(~mask) <= radius + RIM, bool)
+    return np.asarray(_distance(~mask) <= radius + DISC_MARGIN, bool)
 
 
 def shrink(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     """Erode a mask [H, W] with a disc; the frame of the photo does not erode it."""
     if mask.all():
         return np.ones_like(mask)
-    return np.asarray(_distance(mask) > radius + RIM, bool)
+    return np.asarray(_distance(mask) > radius + DISC_MARGIN, bool)
 
 
 def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.atlas import colors_at
 
 FILE = "surface.laz"
-MOST = 20_000_000
+MAX_POINTS = 20_000_000
 MILLIMETRE = 0.001
 BUILDING = 6  # class of ASPRS
 STEPS = 5e6  # of a coordinate over the size of the building, where lengths are no metres
@@ -32,7 +32,7 @@ def surface_points(mesh: Mesh, texture: Texture | None, spacing: float) -> tuple
         points [N, 3], colours RGB uint8 [N, 3], outward normals [N, 3].
     """
     surface = Surface(mesh.vertices, mesh.faces.astype(np.int64))
-    count = int(np.clip(surface.areas.sum() / spacing**2, 1, MOST))
+    count = int(np.clip(surface.areas.sum() / spacing**2, 1, MAX_POINTS))
     points, face = surface.sample(count, np.random.default_rng(0))
     if texture is not None:
         colors = colors_at(points, face, surface, texture)

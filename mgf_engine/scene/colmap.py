@@ -21,7 +21,7 @@ PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "
 PHOTO_KINDS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".ppm", ".pgm"}
 #: What phones and cameras write besides, which is not read.
 UNREAD_KINDS = {".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"}
-FEWEST = 3  # photos that structure from motion needs
+MIN_SFM_PHOTOS = 3  # photos that structure from motion needs
 _PARTS = ("cameras", "images", "points3D")
 
 
@@ -139,7 +139,7 @@ def find_photos(
             if len(fits) == 1:
                 found[name] = fits[0]
                 missing.remove(name)
-    too_few = len(found) < min(FEWEST, len(names)) or len(missing) > most_missing * len(names)
+    too_few = len(found) < min(MIN_SFM_PHOTOS, len(names)) or len(missing) > most_missing * len(names)
     if missing and (doubtful or too_few):
         raise BadInput(
             f"{len(missing)} of {len(names)} photos of the COLMAP model are not there (first: '{missing[0]}'); "

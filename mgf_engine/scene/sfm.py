@@ -26,7 +26,7 @@ from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
 from mgf_engine.images import PhotoInfo
 from mgf_engine.messages import Reporter, log
-from mgf_engine.scene.colmap import FEWEST, too_few_photos
+from mgf_engine.scene.colmap import MIN_SFM_PHOTOS, too_few_photos
 from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
 from mgf_engine.subprocesses import ended, worker
 from mgf_engine.system import write_json
@@ -78,8 +78,8 @@ def reconstruct(
         BadInput: there are too few photos, or they do not fit together.
     """
     names = list(photos)
-    if len(names) < FEWEST:
-        raise too_few_photos(root, len(names), FEWEST)
+    if len(names) < MIN_SFM_PHOTOS:
+        raise too_few_photos(root, len(names), MIN_SFM_PHOTOS)
     sizes = [_size_of(root / name, info) for name, info in photos.items()]
     task = {
         "root": str(root), "names": names, "sizes": sizes, "one_camera": len({(w, h) for w, h, *_ in sizes}) == 1,

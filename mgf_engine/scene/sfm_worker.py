@@ -18,7 +18,7 @@ from typing import Any
 
 import pycolmap
 
-from mgf_engine.scene.colmap import FEWEST
+from mgf_engine.scene.colmap import MIN_SFM_PHOTOS
 from mgf_engine.scene.pairs import choose_pairs
 from mgf_engine.subprocesses import end_with_the_job
 from mgf_engine.system import put_in_place, write_json
@@ -41,7 +41,7 @@ def main(folder: Path) -> int:
     _say("cameras")
     models = _map(folder, task)
     best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
-    if best is None or best.num_reg_images() < FEWEST:
+    if best is None or best.num_reg_images() < MIN_SFM_PHOTOS:
         return NO_MODEL
     for image_id, image in best.images.items():
         image.name = names[image_id]
@@ -91,7 +91,7 @@ def _match(folder: Path, task: dict[str, Any], names: dict[int, str]) -> None:
 def _map(folder: Path, task: dict[str, Any]) -> dict[int, pycolmap.Reconstruction]:
     """Run the mapper, and return cameras and points: every model that it finds."""
     options = pycolmap.IncrementalPipelineOptions()
-    options.min_model_size, options.extract_colors = FEWEST, False
+    options.min_model_size, options.extract_colors = MIN_SFM_PHOTOS, False
     options.num_threads, options.random_seed = task["threads"], task["seed"]
     output = folder / "mapper"
     shutil.rmtree(output, ignore_errors=True)

@@ -75,10 +75,10 @@ def plan_town(args: argparse.Namespace, user_options: dict[str, Any], reporter: 
     from mgf_engine.town.place import place_footprints
     from mgf_engine.town.plan import SCENE, PlanOptions, make_plan, shared_scene
     from mgf_engine.town.plan_files import write_plan
-    from mgf_engine.town.view_selection import FEWEST
+    from mgf_engine.town.view_selection import MIN_BUILDING_PHOTOS
 
-    if args.photos_per_building < FEWEST:
-        raise BadInput(f"--photos-per-building must be {FEWEST} or more; a building needs that many.")
+    if args.photos_per_building < MIN_BUILDING_PHOTOS:
+        raise BadInput(f"--photos-per-building must be {MIN_BUILDING_PHOTOS} or more; a building needs that many.")
     if args.clicks is not None and not args.clicks.is_dir():
         raise BadInput(f"The clicks '{args.clicks}' are no folder; give one that holds ID.json for each building.")
     if args.find == (args.footprints is not None):

@@ -16,7 +16,7 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.crs import AUTO, plain_name, proj
 from mgf_engine.georef.find import find_georeference
-from mgf_engine.georef.fit_gps import FEWEST
+from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS
 from mgf_engine.georef.gps import read_place
 from mgf_engine.georef.model import METRE, Georeference
 from mgf_engine.georef.options import GeoreferenceOptions
@@ -129,7 +129,7 @@ def _located(scene: Scene, config: Config) -> bool:
     found = 0
     for view in scene.views:
         found += bool(view.photo) and read_place(Path(view.photo)) is not None
-        if found >= FEWEST:
+        if found >= MIN_GPS_POSITIONS:
             return True
     return False
 

@@ -21,7 +21,13 @@ from mgf_engine.town.find import OutlineOptions, find_outlines
 from mgf_engine.town.footprints import Footprints
 from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN, Hull, HullOptions, make_hulls
 from mgf_engine.town.place import Placed, local_points, near_scene
-from mgf_engine.town.view_selection import FEWEST, BuildingViewOptions, HullScene, ViewSelection, choose_photos
+from mgf_engine.town.view_selection import (
+    MIN_BUILDING_PHOTOS,
+    BuildingViewOptions,
+    HullScene,
+    ViewSelection,
+    choose_photos,
+)
 
 Array = NDArray[np.float64]
 BUILDINGS, SCENE, FILE, ONE = "buildings", "scene", "buildings.json", "building.json"
@@ -172,13 +178,13 @@ def plan_building(
     if number < 0 or hull.state == UNMAPPED:
         return Building(hull, ViewSelection([], 0.0, 0.0, 0.0, 0), {})
     choice = choose_photos(town, number, most, options.views)
-    if len(choice.photos) < FEWEST:
-        few = f"Photos that show it: {len(choice.photos)}, where {FEWEST} are needed; fly there again."
+    if len(choice.photos) < MIN_BUILDING_PHOTOS:
+        few = f"Photos that show it: {len(choice.photos)}, where {MIN_BUILDING_PHOTOS} are needed; fly there again."
         return Building(replace(hull, state=UNSEEN, reason=few), choice, {})
     if hull.state != READY:
         return Building(hull, choice, {})
     clicks = suggest_clicks(town, number, choice, options.clicks)
-    if len(clicks) < FEWEST:
+    if len(clicks) < MIN_BUILDING_PHOTOS:
         few = f"Only {len(clicks)} photos show spots that surely are on it; click it by hand."
         return Building(replace(hull, state=DOUBTFUL, reason=few), choice, {})
     if choice.seen < options.least_seen:

@@ -29,7 +29,7 @@ from mgf_engine.town.hulls import READY, make_hulls
 from mgf_engine.town.place import local_points, place_scene
 from mgf_engine.town.plan import PlanOptions
 from mgf_engine.town.submodel import write_if_changed
-from mgf_engine.town.view_selection import FEWEST, HullScene, choose_photos
+from mgf_engine.town.view_selection import MIN_BUILDING_PHOTOS, HullScene, choose_photos
 
 Array = NDArray[np.float64]
 Clicks = dict[str, dict[str, list[list[float]]]]
@@ -117,7 +117,7 @@ def suggest_for_one(
     town = HullScene.draw(scene, georeference, metre, points, hulls, options.views)
     choice = choose_photos(town, 0, len(scene.views), options.views)
     clicks = suggest_clicks(town, 0, choice, options.clicks)
-    if len(clicks) < FEWEST:
+    if len(clicks) < MIN_BUILDING_PHOTOS:
         raise BadInput(f"Only {len(clicks)} photos show spots that surely are on the building; click it by hand.")
     middle = shapely.centroid(wanted)
     at = georeference.scene(np.array([middle.x, middle.y, (hulls[0].low + hulls[0].high) / 2]))

@@ -18,7 +18,7 @@ from mgf_engine.town.hulls import Hull, prism, samples
 from mgf_engine.town.place import to_normalised
 
 Array = NDArray[np.float64]
-FEWEST = 3  # photos of a building
+MIN_BUILDING_PHOTOS = 3  # photos of a building
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.control_points import FEWEST, METHODS, main, targets_of
+from benchmarks.control_points import METHODS, MIN_VIEWS, main, targets_of
 from benchmarks.synthetic.house import OFFSET, build_house
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.mesh_files import write_ply
@@ -28,7 +28,7 @@ def scene(tmp_path_factory) -> Path:
 def test_targets_are_corners_that_the_photos_see(scene: Path) -> None:
     targets = targets_of(scene)
     assert [t.name for t in targets] == ["P1", "P2", "P3", "P4", "P5", "C1", "C2", "C3"]
-    assert all(FEWEST <= len(t.pixels) < 14 for t in targets)  # the house itself hides each from some photos
+    assert all(MIN_VIEWS <= len(t.pixels) < 14 for t in targets)  # the house itself hides each from some photos
     assert len({tuple(t.place.round(3)) for t in targets}) == 8
 
 

@@ -17,7 +17,7 @@ import torch
 from mgf_engine.cli import main
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.images import score
-from mgf_engine.evaluation.lpips import NETWORKS, SMALLEST, Lpips, find_lpips, read_lpips
+from mgf_engine.evaluation.lpips import MIN_SIDE, NETWORKS, Lpips, find_lpips, read_lpips
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.download import WeightFile
 
@@ -123,7 +123,7 @@ def test_the_box_of_the_mask_and_the_whole_frame(tmp_path: Path) -> None:
     small[150:160, 0:5] = True  # widened to what the networks need
     assert score(photo, render, small, measure).lpips > 0
     tiny = score(photo[:40, :40], render[:40, :40], np.ones((40, 40), bool), measure)
-    assert SMALLEST > 40 and tiny.lpips is None and tiny.lpips_frame is None and tiny.psnr is not None
+    assert MIN_SIDE > 40 and tiny.lpips is None and tiny.lpips_frame is None and tiny.psnr is not None
 
 
 def test_weights_are_found_checked_and_never_fetched_by_themselves(tmp_path: Path, monkeypatch) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mgf_engine.georef.fit_gps import FEWEST, GpsFit, fit_gps
+from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS, GpsFit, fit_gps
 from mgf_engine.georef.gps import Place
 from mgf_engine.georef.similarity import Direction, applied, matrix_of
 
@@ -30,7 +30,7 @@ def fit(
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ({"centres": RING[: FEWEST - 1]}, "only 3 photos have one"),
+        ({"centres": RING[: MIN_GPS_POSITIONS - 1]}, "only 3 photos have one"),
         ({"sd": (3.0, 1e4)}, "they have no heights"),
         ({"centres": np.outer(np.arange(8.0), [1.0, 2.0, 0.0])}, "they lie on a line"),
         ({"errors": np.random.default_rng(0).normal(0, 300, (12, 3))}, "they contradict the cameras"),
