@@ -2,8 +2,8 @@
 // Runs kernels of another processor or system for the tests: an emulator starts it, remote.py talks to it.
 //
 // Each request on stdin names a kernel, brings the memory it works on and its arguments; the answer on stdout is the
-// kernel's result and the memory as it left it. Built with -DTABLE="file" the kernels are linked in, listed in that file;
-// else argv[1] is the shared library to load, the one that is shipped.
+// kernel's result and the memory as it left it. Built with -DTABLE="file" the kernels are linked in, listed in that
+// file; else argv[1] is the shared library to load, the one that is shipped.
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -117,8 +117,9 @@ static void *library;
 static Kernel kernel_of(const char *name) { return (Kernel)dlsym(library, name); }
 #endif
 
-// Whole numbers and pointers fill their registers and then the stack in order, real numbers registers of their own: so one
-// type fits all kernels. On Windows a register stands for a position instead, and those on the stack are 8 bytes of any kind.
+// Whole numbers and pointers fill their registers and then the stack in order, real numbers registers of their own: so
+// one type fits all kernels. On Windows a register stands for a position instead, and those on the stack are 8 bytes of
+// any kind.
 #define I int64_t
 #define TEN I, I, I, I, I, I, I, I, I, I
 #define A(k) a[k], a[k + 1], a[k + 2], a[k + 3], a[k + 4], a[k + 5], a[k + 6], a[k + 7], a[k + 8], a[k + 9]
@@ -159,7 +160,8 @@ static void serve(void) {
     Moved moved[256];
     const uint64_t moves = word();
     if (moves > 256) give_up("too many addresses");
-    for (uint64_t i = 0; i < moves; i++) {  // addresses within the memory: of Python's, of this process while the kernel runs
+    for (uint64_t i = 0; i < moves;
+         i++) {  // addresses within the memory: of Python's, of this process while the kernel runs
         uint64_t where[4];
         take(where, sizeof where);
         moved[i].at = (uint64_t *)place(where[0], where[1]);

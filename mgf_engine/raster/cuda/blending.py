@@ -24,7 +24,7 @@ from mgf_engine.raster.cuda.tile_list_capacity import TileListCapacity
 
 _RUN = 1024  # items of a block of the sort, csrc/cuda/sort.cu
 _DIGITS = 256
-_BACKWARD = ("blend_backward_colour", "blend_backward_depth", "blend_backward_all")
+_BACKWARD = ("blend_backward_color", "blend_backward_depth", "blend_backward_all")
 
 
 @dataclass

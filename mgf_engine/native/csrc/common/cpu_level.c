@@ -14,7 +14,8 @@ static uint64_t saved_registers(void) {
 
 // Level of the x86-64 microarchitecture ABI: 4 (AVX-512 F, BW, CD, DQ, VL), 3 (AVX2, FMA, BMI, F16C, MOVBE), else 1.
 MGF_API int64_t mgf_cpu_level(void) {
-    const uint32_t leaf1 = (1u << 12) | (1u << 22) | (1u << 27) | (1u << 28) | (1u << 29);  // FMA MOVBE OSXSAVE AVX F16C
+    const uint32_t leaf1 =
+        (1u << 12) | (1u << 22) | (1u << 27) | (1u << 28) | (1u << 29);  // FMA MOVBE OSXSAVE AVX F16C
     const uint32_t leaf7_v3 = (1u << 3) | (1u << 5) | (1u << 8);                             // BMI1 AVX2 BMI2
     const uint32_t leaf7_v4 = (1u << 16) | (1u << 17) | (1u << 28) | (1u << 30) | (1u << 31);  // F DQ CD BW VL
     uint32_t a, b, c, d;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What every kernel that Python calls has in common.
 //
-// Convention of the interface, so that Python needs no table of signatures: pointers are pointers, every whole number is
-// an int64_t, every real number is a float. A *work loop* takes `int32_t *next` first: any number of threads call it
+// Convention of the interface, so that Python needs no table of signatures: pointers are pointers, every whole number
+// is an int64_t, every real number is a float. A *work loop* takes `int32_t *next` first: any number of threads call it
 // with the same pointer, and each call takes the next free piece of work until none is left.
 #pragma once
 #include <stddef.h>

@@ -4,7 +4,8 @@
 // A v16 is one AVX-512 register, two AVX registers, or four SSE or NEON registers; the arithmetic below is written
 // once and the compiler splits it. Comparisons give an i16 whose lanes are all ones (true) or zero.
 //
-// NaN rules that the kernels rely on: vmin(a, b) and vmax(a, b) return b when a or b is NaN; a comparison with NaN is false.
+// NaN rules that the kernels rely on: vmin(a, b) and vmax(a, b) return b when a or b is NaN; a comparison with NaN is
+// false.
 //
 // Built as C++ or CUDA, a "vector" is one float instead (cuda/lane.h).
 #pragma once
@@ -93,8 +94,8 @@ static inline d16 dsqrt(d16 x) {
     return x;
 }
 
-// 1/x to about 1e-7 for normal x (not for 0, infinity or subnormals). With AVX-512 an estimate and one Newton step; with
-// AVX2 the same measured slower than the division.
+// 1/x to about 1e-7 for normal x (not for 0, infinity or subnormals). With AVX-512 an estimate and one Newton step;
+// with AVX2 the same measured slower than the division.
 static inline v16 reciprocal(v16 x) {
 #if defined(__AVX512F__)
     const v16 r = (v16)_mm512_rcp14_ps((__m512)x);
@@ -104,8 +105,8 @@ static inline v16 reciprocal(v16 x) {
 #endif
 }
 
-// 2^x for x in [-126, 127] (smaller x gives 2^-126), relative error 2e-7: 2^x = 2^i 2^f with i = round(x), and a polynomial
-// of degree 5 (minimax on |f| <= 1/2) for 2^f.
+// 2^x for x in [-126, 127] (smaller x gives 2^-126), relative error 2e-7: 2^x = 2^i 2^f with i = round(x), and a
+// polynomial of degree 5 (minimax on |f| <= 1/2) for 2^f.
 static inline v16 exp2_16(v16 x) {
     x = vmax(x, splat(-126.0f));
 #if defined(__AVX512F__)
@@ -147,7 +148,8 @@ static inline v16 fold_quads(v16 ab, v16 cd) {
     return __builtin_shufflevector(ab, cd, LOW_QUADS) + __builtin_shufflevector(ab, cd, HIGH_QUADS);
 }
 
-// Sums of the four vectors in each group of four lanes; group g holds the part of the sum that comes from lanes 4g..4g+3.
+// Sums of the four vectors in each group of four lanes; group g holds the part of the sum that comes from lanes
+// 4g..4g+3.
 static inline v16 partial_sums4(const v16 *a) { return fold_quads(fold_pairs(a[0], a[1]), fold_pairs(a[2], a[3])); }
 
 // Lane i = the sum of the lanes of a[i]: sixteen sums for the price of five.

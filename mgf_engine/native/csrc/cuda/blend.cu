@@ -8,17 +8,18 @@ enum { BATCH = 64 };  // records staged at a time: 8 kB
 
 // What a pixel gathers.
 struct Gathered {
-    float t, colour[3], depth, median, normal[3], m1, m2, first, distortion;
+    float t, color[3], depth, median, normal[3], m1, m2, first, distortion;
 };
 
-// Which warps of the tile at (ox, oy) the footprint touches, one bit each. In each of the four rows of warps the footprint spans one
-// interval (footprint.h, tile_columns); a warp is 8 columns of it.
+// Which warps of the tile at (ox, oy) the footprint touches, one bit each. In each of the four rows of warps the
+// footprint spans one interval (footprint.h, tile_columns); a warp is 8 columns of it.
 static inline unsigned warps_of(const float *g, float ox, float oy) {
     const float y = 0.5f * (g[REC_Y0] + g[REC_Y1]) - oy, half_y = 0.5f * (g[REC_Y1] - g[REC_Y0]);
     const float x = 0.5f * (g[REC_X0] + g[REC_X1]) - ox, margin = 0.02f + 1e-3f * sqrtf(g[REC_WIDTH2]);
     unsigned found = 0;
     for (int row = 0; row < TILE / WARP_HEIGHT; row++) {
-        const float top = row * WARP_HEIGHT + 0.48f - y, bottom = top + (WARP_HEIGHT - 0.96f);  // pixel centres, less the margin
+        const float top = row * WARP_HEIGHT + 0.48f - y,
+                    bottom = top + (WARP_HEIGHT - 0.96f);  // pixel centres, less the margin
         if (!(top < half_y && bottom > -half_y)) continue;
         const float yr = within(g[REC_Y_RIGHT], top, bottom), yl = within(-g[REC_Y_RIGHT], top, bottom);
         const float wr = g[REC_WIDTH2] - g[REC_FALL] * yr * yr, wl = g[REC_WIDTH2] - g[REC_FALL] * yl * yl;
@@ -31,7 +32,9 @@ static inline unsigned warps_of(const float *g, float ox, float oy) {
 }
 
 // Adds one Gaussian to a pixel; returns whether the pixel took it.
-template <int LEVEL> static inline bool blend_pixel(Gathered &s, const float4 *record, float px, float py, const Camera *camera, float map_scale) {
+template <int LEVEL>
+static inline bool blend_pixel(Gathered &s, const float4 *record, float px, float py, const Camera *camera,
+                               float map_scale) {
     const Staged g = take(record);
     const float dx = px - g.of[REC_CX], dy = py - g.of[REC_CY];
     const Response r = respond(g.of, dx, dy);
@@ -40,7 +43,7 @@ template <int LEVEL> static inline bool blend_pixel(Gathered &s, const float4 *r
     if (!(depth > camera->near)) return false;
     const float free_a = g.of[REC_OPACITY] * fast_exp2(r.power2), a = free_a < ALPHA_MAX ? free_a : ALPHA_MAX;
     const float before = s.t, w = a * before, after = before - w;
-    for (int c = 0; c < 3; c++) s.colour[c] += w * g.of[REC_R + c];
+    for (int c = 0; c < 3; c++) s.color[c] += w * g.of[REC_R + c];
     s.depth += w * depth;
     if (LEVEL >= LEVEL_ALL) {
         const float m = shifted_depth(fast_reciprocal(depth), before, &s.first, map_scale), wm = w * m;
@@ -54,7 +57,7 @@ template <int LEVEL> static inline bool blend_pixel(Gathered &s, const float4 *r
 }
 
 template <int LEVEL> static inline void store_pixel(const Gathered &s, float *image, int64_t plane) {
-    for (int c = 0; c < 3; c++) image[(OUT_R + c) * plane] = s.colour[c];
+    for (int c = 0; c < 3; c++) image[(OUT_R + c) * plane] = s.color[c];
     image[OUT_ALPHA * plane] = 1.0f - s.t, image[OUT_DEPTH * plane] = s.depth;
     if (LEVEL < LEVEL_ALL) return;
     image[OUT_MEDIAN * plane] = s.median, image[OUT_DISTORTION * plane] = s.distortion;
@@ -62,11 +65,12 @@ template <int LEVEL> static inline void store_pixel(const Gathered &s, float *im
     image[OUT_M1 * plane] = s.m1, image[OUT_M2 * plane] = s.m2;
 }
 
-template <int LEVEL> static inline void blend_tile(const Lists &lists, const Camera *camera, float *image, uint8_t *hits) {
+template <int LEVEL>
+static inline void blend_tile(const Lists &lists, const Camera *camera, float *image, uint8_t *hits) {
     SHARED float4 staged[BATCH][FOURS];
     SHARED uint8_t touched[BATCH];      // warps that the footprint touches
     SHARED uint8_t took[BATCH][WARPS];  // warps in which a pixel took it
-    SHARED int live[2];                 // is any pixel not yet full? Two, used in turn: one is read while the other is cleared
+    SHARED int live[2];  // is any pixel not yet full? Two, used in turn: one is read while the other is cleared
     Own<Gathered> own;
     const int tile = BLOCK_X, start = lists.ranges[tile], end = lists.ranges[tile + 1];
     const int ox = tile % lists.tiles_x * TILE, oy = tile / lists.tiles_x * TILE;
@@ -92,7 +96,8 @@ template <int LEVEL> static inline void blend_tile(const Lists &lists, const Cam
             Gathered s = *own;
             const float px = (float)(ox + pixel_x()) + 0.5f, py = (float)(oy + pixel_y()) + 0.5f;
             for (int k = 0; k < count && s.t > T_STOP; k++)
-                if ((touched[k] >> THIS_WARP & 1) && blend_pixel<LEVEL>(s, staged[k], px, py, camera, map_scale)) took[k][THIS_WARP] = 1;
+                if ((touched[k] >> THIS_WARP & 1) && blend_pixel<LEVEL>(s, staged[k], px, py, camera, map_scale))
+                    took[k][THIS_WARP] = 1;
             if (s.t > T_STOP) live[turn] = 1;
             *own = s;
         }
@@ -112,8 +117,8 @@ template <int LEVEL> static inline void blend_tile(const Lists &lists, const Cam
     }
 }
 
-// image [OUT_PLANES or OUT_PLANES_BASIC, tiles_y * 16, tiles_x * 16]: every pixel of every tile is written. hits [slots], given
-// as zeros: for every entry the warps in which it was blended, one bit each. grid: tiles.
+// image [OUT_PLANES or OUT_PLANES_BASIC, tiles_y * 16, tiles_x * 16]: every pixel of every tile is written. hits
+// [slots], given as zeros: for every entry the warps in which it was blended, one bit each. grid: tiles.
 KERNEL(blend_all, Lists lists, BY_VALUE Camera camera, float *image, uint8_t *hits) {
     blend_tile<LEVEL_ALL>(lists, &camera, image, hits);
 }

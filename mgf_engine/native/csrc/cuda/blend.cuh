@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What blending forward and backward share: a block is a tile of 16 x 16 pixels, a thread one pixel, a warp 8 x 4 pixels. Records
-// of the tile's list are staged in shared memory, some at a time; a warp looks only at Gaussians whose footprint meets its pixels.
+// What blending forward and backward share: a block is a tile of 16 x 16 pixels, a thread one pixel, a warp 8 x 4
+// pixels. Records of the tile's list are staged in shared memory, some at a time; a warp looks only at Gaussians whose
+// footprint meets its pixels.
 #pragma once
 #include "cuda/block.cuh"
 
@@ -48,7 +49,8 @@ struct Response {
 static inline Response respond(const float *g, float dx, float dy) {
     Response r;
     r.q = (g[REC_Q0] * dx + 2.0f * g[REC_Q1] * dy) * dx + g[REC_Q2] * dy * dy;
-    const float a = (g[REC_A3] * dx + (2.0f * g[REC_A4] * dy + g[REC_A1])) * dx + (1.0f + (g[REC_A2] + g[REC_A5] * dy) * dy);
+    const float a =
+        (g[REC_A3] * dx + (2.0f * g[REC_A4] * dy + g[REC_A1])) * dx + (1.0f + (g[REC_A2] + g[REC_A5] * dy) * dy);
     r.inv_a = fast_reciprocal(a > 1e-12f ? a : 1e-12f);
     r.power2 = (-0.5f * LOG2_E) * r.q * r.inv_a;
     r.power2 = r.power2 < 0.0f ? r.power2 : 0.0f;
@@ -67,4 +69,6 @@ static inline float shifted_depth(float inv_t, float before, float *first, float
 }
 
 // Is the pixel inside the frame? Those outside are full from the start.
-static inline bool inside_frame(const Camera *camera, int x, int y) { return x < (int)camera->width && y < (int)camera->height; }
+static inline bool inside_frame(const Camera *camera, int x, int y) {
+    return x < (int)camera->width && y < (int)camera->height;
+}

@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Gradients of blending, again front to back, from the final images alone. The formulas are at the top of the C kernels'
-// blend_backward.c.
+// Gradients of blending, again front to back, from the final images alone. The formulas are at the top of the C
+// kernels' blend_backward.c.
 //
-// Each entry of a list gets the sums of up to 24 numbers over the pixels that it touched. A warp adds its 32 pixels by shuffles
-// (sum_columns), and leaves one row of sums per entry in shared memory; then the block adds the rows of its warps in order and
-// writes them to the entry's slot. No atomics: the same input gives the same bits.
+// Each entry of a list gets the sums of up to 24 numbers over the pixels that it touched. A warp adds its 32 pixels by
+// shuffles (sum_columns), and leaves one row of sums per entry in shared memory; then the block adds the rows of its
+// warps in order and writes them to the entry's slot. No atomics: the same input gives the same bits.
 #include "cuda/blend.cuh"
 
 enum { BATCH = 32 };  // entries at a time: 4 kB of records and 24 kB of sums
 
 // Gradients of the images, [.., height, width] without padding; null where there is none.
 struct ImageGradients {
-    const float *colour, *alpha, *depth, *median, *normal, *distortion, *error;
+    const float *color, *alpha, *depth, *median, *normal, *distortion, *error;
 };
 
 // What the backward pass needs to know of a pixel.
 struct Pixel {
     float t, rest;               // transmittance, R
-    float colour[3], fixed;      // gc; the part of G that is the same for every Gaussian
+    float color[3], fixed;      // gc; the part of G that is the same for every Gaussian
     float depth, median, normal[3];
     float md2, md1, first;       // gx W, 2 gx M1, as in shifted_depth
     float error;
@@ -27,13 +27,14 @@ static inline float value_of(const float *plane, int64_t at) { return plane ? pl
 
 // The pixel's gradients, at `at` in images of `size` pixels, and its final values, image + c * plane.
 template <int LEVEL, bool STATS>
-static inline void load_pixel(Pixel &s, const ImageGradients &in, int64_t at, int64_t size, const float *image, int64_t plane) {
+static inline void load_pixel(Pixel &s, const ImageGradients &in, int64_t at, int64_t size, const float *image,
+                              int64_t plane) {
     const float alpha = image[OUT_ALPHA * plane];
     s.t = 1.0f, s.first = 0.0f;
     s.fixed = value_of(in.alpha, at), s.rest = s.fixed * alpha;
     for (int c = 0; c < 3; c++) {
-        s.colour[c] = value_of(in.colour, at + c * size);
-        s.rest += s.colour[c] * image[(OUT_R + c) * plane];
+        s.color[c] = value_of(in.color, at + c * size);
+        s.rest += s.color[c] * image[(OUT_R + c) * plane];
     }
     if (STATS) s.error = value_of(in.error, at);
     if (LEVEL >= LEVEL_DEPTH) {
@@ -54,7 +55,8 @@ static inline void load_pixel(Pixel &s, const ImageGradients &in, int64_t at, in
 
 // What one Gaussian gets from one pixel; sum: COUNT numbers given as zeros.
 template <int LEVEL, bool STATS, int COUNT>
-static inline void differentiate_pixel(Pixel &s, const float *g, float dx, float dy, const Camera *camera, float map_scale, Sums<COUNT> &to) {
+static inline void differentiate_pixel(Pixel &s, const float *g, float dx, float dy, const Camera *camera,
+                                       float map_scale, Sums<COUNT> &to) {
     float *sum = to.of;
     const Response r = respond(g, dx, dy);
     const float before = s.t, depth = response_depth(g, dx, dy, r.inv_a);
@@ -63,8 +65,8 @@ static inline void differentiate_pixel(Pixel &s, const float *g, float dx, float
     const float w = a * before, after = before - w;
     float gw = s.fixed, gt = 0.0f;
     for (int c = 0; c < 3; c++) {
-        gw += s.colour[c] * g[REC_R + c];
-        sum[SUM_R + c] = w * s.colour[c];
+        gw += s.color[c] * g[REC_R + c];
+        sum[SUM_R + c] = w * s.color[c];
     }
     if (LEVEL >= LEVEL_DEPTH) gw += s.depth * depth, gt = s.depth;
     if (LEVEL >= LEVEL_ALL) {
@@ -84,13 +86,16 @@ static inline void differentiate_pixel(Pixel &s, const float *g, float dx, float
     const float gq = -0.5f * ga * r.inv_a, gA = -(gq * r.q + gt * depth) * r.inv_a, gB = gt * r.inv_a;
     const float gqx = gq * dx, gqy = gq * dy, gAx = gA * dx, gAy = gA * dy;
     sum[SUM_QX] = gqx, sum[SUM_QY] = gqy, sum[SUM_QXX] = gqx * dx, sum[SUM_QXY] = gqx * dy, sum[SUM_QYY] = gqy * dy;
-    sum[SUM_A] = gA, sum[SUM_AX] = gAx, sum[SUM_AY] = gAy, sum[SUM_AXX] = gAx * dx, sum[SUM_AXY] = gAx * dy, sum[SUM_AYY] = gAy * dy;
+    sum[SUM_A] = gA, sum[SUM_AX] = gAx, sum[SUM_AY] = gAy, sum[SUM_AXX] = gAx * dx, sum[SUM_AXY] = gAx * dy,
+    sum[SUM_AYY] = gAy * dy;
     sum[SUM_OPACITY] = ga;
     if (LEVEL >= LEVEL_DEPTH) sum[SUM_B0] = gB, sum[SUM_BX] = gB * dx, sum[SUM_BY] = gB * dy;
     if (!STATS) return;
     sum[SUM_WEIGHT] = w, sum[SUM_ERROR] = w * s.error;
-    const float move_x = 2.0f * (g[REC_Q0] * gqx + g[REC_Q1] * gqy + g[REC_A3] * gAx + g[REC_A4] * gAy) + g[REC_A1] * gA + g[REC_B1] * gB;
-    const float move_y = 2.0f * (g[REC_Q1] * gqx + g[REC_Q2] * gqy + g[REC_A4] * gAx + g[REC_A5] * gAy) + g[REC_A2] * gA + g[REC_B2] * gB;
+    const float move_x = 2.0f * (g[REC_Q0] * gqx + g[REC_Q1] * gqy + g[REC_A3] * gAx + g[REC_A4] * gAy) +
+                         g[REC_A1] * gA + g[REC_B1] * gB;
+    const float move_y = 2.0f * (g[REC_Q1] * gqx + g[REC_Q2] * gqy + g[REC_A4] * gAx + g[REC_A5] * gAy) +
+                         g[REC_A2] * gA + g[REC_B2] * gB;
     const float half_x = 0.5f * camera->width * move_x, half_y = 0.5f * camera->height * move_y;
     sum[SUM_MOTION] = sqrtf(half_x * half_x + half_y * half_y);
 }
@@ -114,7 +119,8 @@ static inline void differentiate_tile(const Lists &lists, const Camera *camera, 
         const int64_t stride = (int64_t)lists.tiles_x * TILE, plane = (int64_t)lists.tiles * TILE * TILE;
         Pixel none = {};
         if (inside_frame(camera, x, y))
-            load_pixel<LEVEL, STATS>(none, in, (int64_t)y * width + x, (int64_t)width * height, image + y * stride + x, plane);
+            load_pixel<LEVEL, STATS>(none, in, (int64_t)y * width + x, (int64_t)width * height, image + y * stride + x,
+                                     plane);
         *own = none;
     }
     for (int first = start; first < end; first += BATCH) {
@@ -128,7 +134,8 @@ static inline void differentiate_tile(const Lists &lists, const Camera *camera, 
                 if (!(hit[k] >> THIS_WARP & 1)) continue;
                 LANES {
                     const Staged g = take(staged[k]);
-                    const float dx = (float)(ox + pixel_x()) + 0.5f - g.of[REC_CX], dy = (float)(oy + pixel_y()) + 0.5f - g.of[REC_CY];
+                    const float dx = (float)(ox + pixel_x()) + 0.5f - g.of[REC_CX],
+                                dy = (float)(oy + pixel_y()) + 0.5f - g.of[REC_CY];
                     Sums<COUNT> sum = {};
                     differentiate_pixel<LEVEL, STATS>(*own, g.of, dx, dy, camera, map_scale, sum);
                     *mine = sum;
@@ -151,13 +158,14 @@ static inline void differentiate_tile(const Lists &lists, const Camera *camera, 
 
 // sums [slots, SUM_SIZE]: written where hits is not zero; without stats and for colour alone only the first 16 columns.
 // grid: tiles.
-#define BLEND_BACKWARD(name, level, stats)                                                                                  \
-    KERNEL(name, Lists lists, BY_VALUE Camera camera, const float *image, const uint8_t *hits, ImageGradients in, float *sums) { \
-        differentiate_tile<level, stats>(lists, &camera, image, hits, in, sums);                                             \
+#define BLEND_BACKWARD(name, level, stats)                                                                             \
+    KERNEL(name, Lists lists, BY_VALUE Camera camera, const float *image, const uint8_t *hits, ImageGradients in,      \
+           float *sums) {                                                                                              \
+        differentiate_tile<level, stats>(lists, &camera, image, hits, in, sums);                                       \
     }
 
-BLEND_BACKWARD(blend_backward_colour, LEVEL_COLOUR, false)
-BLEND_BACKWARD(blend_backward_colour_stats, LEVEL_COLOUR, true)
+BLEND_BACKWARD(blend_backward_color, LEVEL_COLOR, false)
+BLEND_BACKWARD(blend_backward_color_stats, LEVEL_COLOR, true)
 BLEND_BACKWARD(blend_backward_depth, LEVEL_DEPTH, false)
 BLEND_BACKWARD(blend_backward_depth_stats, LEVEL_DEPTH, true)
 BLEND_BACKWARD(blend_backward_all, LEVEL_ALL, false)

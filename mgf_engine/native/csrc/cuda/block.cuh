@@ -4,19 +4,21 @@
 // Every kernel runs in blocks of 256 threads and is written in *phases*, stretches between two barriers:
 //
 //     PHASE { ... }       every thread of the block once; a block barrier follows
-//     EACH_WARP { ... }   every warp once; inside it LANES { ... } is every lane once, with a warp barrier after it, and
-//                         between LANES the collectives below may be called; a block barrier follows the whole
+//     EACH_WARP { ... }   every warp once; inside it LANES { ... } is every lane once, with a warp barrier after it,
+//                         and between LANES the collectives below may be called; a block barrier follows the whole
 //     EACH(i, n) { ... }  no barriers at all: every i in 0..n - 1, one thread each
 //
-// On a GPU a phase is its body followed by __syncthreads(). On the CPU it is a loop over the threads, one after the other: what a
-// phase reads must have been written in an earlier one, and no two threads of a phase may write different values to one place.
-// To prove it, the CPU build can run all its loops backwards (mgf_reverse): the results must be the same bits.
+// On a GPU a phase is its body followed by __syncthreads(). On the CPU it is a loop over the threads, one after the
+// other: what a phase reads must have been written in an earlier one, and no two threads of a phase may write different
+// values to one place. To prove it, the CPU build can run all its loops backwards (mgf_reverse): the results must be
+// the same bits.
 //
-// What a thread keeps from one phase to the next lives in an Own<T>: a register on the GPU, an array over the threads on the
-// CPU; *own and own->member are the running thread's. `continue` ends a thread's share of a phase. Between phases control flow
-// must be the same for all threads: only shared memory, constants and kernel arguments may decide it. Shared memory that is
-// read there must not be written by the phase that follows, only by the one after: threads do not wait for each other
-// between the reading and that phase. Inside LANES and PHASE a thread may loop and branch as it likes.
+// What a thread keeps from one phase to the next lives in an Own<T>: a register on the GPU, an array over the threads
+// on the CPU; *own and own->member are the running thread's. `continue` ends a thread's share of a phase. Between
+// phases control flow must be the same for all threads: only shared memory, constants and kernel arguments may decide
+// it. Shared memory that is read there must not be written by the phase that follows, only by the one after: threads do
+// not wait for each other between the reading and that phase. Inside LANES and PHASE a thread may loop and branch as it
+// likes.
 //
 // Arguments: pointers, int (every whole number), float, and structs by value.
 #pragma once
@@ -49,7 +51,9 @@ static inline float fast_exp2(float x) { return exp2f(x); }
 static inline float fast_reciprocal(float x) { return __fdividef(1.0f, x); }
 static inline int bits_set(unsigned x) { return __popc(x); }
 static inline unsigned lanes_before() { return (1u << (THREAD & 31)) - 1u; }
-static inline void add_atomic(long long *to, long long x) { atomicAdd((unsigned long long *)to, (unsigned long long)x); }
+static inline void add_atomic(long long *to, long long x) {
+    atomicAdd((unsigned long long *)to, (unsigned long long)x);
+}
 static inline void add_atomic(int *to, int x) { atomicAdd(to, x); }
 
 #else  // the CPU build
@@ -177,8 +181,9 @@ template <int COUNT> struct Sums {
     float of[COUNT];
 };
 
-// One round of adding VALUES numbers, from number `first` on, over the lanes: of two partners `step` lanes apart, the lower keeps the
-// first half of them and the upper the second, each adds what the other hands over, and the number of numbers is halved.
+// One round of adding VALUES numbers, from number `first` on, over the lanes: of two partners `step` lanes apart, the
+// lower keeps the first half of them and the upper the second, each adds what the other hands over, and the number of
+// numbers is halved.
 template <int VALUES, int COUNT> static inline void fold_lanes(Own<Sums<COUNT>> &value, int first, int step) {
     enum { HALF = VALUES / 2 };
 #if defined(__CUDACC__)
@@ -211,8 +216,8 @@ template <int COUNT> static inline void pair_lanes(Own<Sums<COUNT>> &value, int 
 #endif
 }
 
-// out[i] = the sum over the warp of value->of[i], for 16 or 24 numbers: 16 and 25 shuffles, where one number after the other would
-// take 80 and 120. The values are used up.
+// out[i] = the sum over the warp of value->of[i], for 16 or 24 numbers: 16 and 25 shuffles, where one number after the
+// other would take 80 and 120. The values are used up.
 template <int COUNT> static inline void sum_columns(Own<Sums<COUNT>> &value, float *out) {
     static_assert(COUNT == 16 || COUNT == 24, "sums come in sixteens and eights");
     fold_lanes<16>(value, 0, 16), fold_lanes<8>(value, 0, 8), fold_lanes<4>(value, 0, 4), fold_lanes<2>(value, 0, 2);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// vector.h for one number at a time: with it gaussian.h, harmonics.h, project.h and project_gradients.h, written for sixteen
-// Gaussians a vector in C, become the code of one CUDA thread that looks after one Gaussian. Same names, same rules for NaN.
+// vector.h for one number at a time: with it gaussian.h, harmonics.h, project.h and project_gradients.h, written for
+// sixteen Gaussians a vector in C, become the code of one CUDA thread that looks after one Gaussian. Same names, same
+// rules for NaN.
 #pragma once
 #include <stdint.h>  // NVRTC has no system headers: native/cuda/compiler.py hands it one of this name
 

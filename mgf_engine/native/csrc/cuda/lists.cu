@@ -1,17 +1,20 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // From projected Gaussians to one list per tile, front to back.
 //
-// Walking through the Gaussians by depth, each appends one entry for every wanted tile that it touches; the number of an entry in
-// that order is its *slot*, where the backward pass leaves gradients: the slots of a Gaussian lie side by side. A stable sort of
-// the slots by tile (sort.cu) then gives lists that are sorted by depth, without a depth in the keys.
+// Walking through the Gaussians by depth, each appends one entry for every wanted tile that it touches; the number of
+// an entry in that order is its *slot*, where the backward pass leaves gradients: the slots of a Gaussian lie side by
+// side. A stable sort of the slots by tile (sort.cu) then gives lists that are sorted by depth, without a depth in the
+// keys.
 //
-// The lists hold `capacity` entries at most, which the host chose without knowing how many there are: asking would mean waiting for
-// the GPU in every iteration. A rendering that needs more draws nothing (tile_counts, lists and gradients are empty), leaves
-// the number it needs in total[0], and the host raises the capacity (raster/cuda/tile_list_capacity.py).
+// The lists hold `capacity` entries at most, which the host chose without knowing how many there are: asking would mean
+// waiting for the GPU in every iteration. A rendering that needs more draws nothing (tile_counts, lists and gradients
+// are empty), leaves the number it needs in total[0], and the host raises the capacity
+// (raster/cuda/tile_list_capacity.py).
 //
-// How many entries a Gaussian has was counted by another program (project.cu, points.cu), and the compiler may round the same formula
-// differently here, where a footprint ends at the edge of a tile. So the count decides: a Gaussian never writes beyond its slots, and
-// those it leaves over go to a tile after the last, which sorts to the end and which nobody draws.
+// How many entries a Gaussian has was counted by another program (project.cu, points.cu), and the compiler may round
+// the same formula differently here, where a footprint ends at the edge of a tile. So the count decides: a Gaussian
+// never writes beyond its slots, and those it leaves over go to a tile after the last, which sorts to the end and which
+// nobody draws.
 #include "cuda/block.cuh"
 
 #include "raster/footprint.h"
@@ -47,13 +50,15 @@ KERNEL(list_offsets, int blocks, int capacity, int *sums, int *total) {
         before += all;
     }
     PHASE {
-        if (THREAD == 0) total[NEEDED] = before > most ? most : (int)before, total[LISTED] = before <= capacity ? (int)before : 0;
+        if (THREAD == 0)
+            total[NEEDED] = before > most ? most : (int)before, total[LISTED] = before <= capacity ? (int)before : 0;
     }
 }
 
 // Per slot its tile and Gaussian, and hits zero; slot_starts [n] by Gaussian.
-KERNEL(list_fill, int n, const int *order, const Footprint *footprints, const uint8_t *mask, int tiles_x, int tiles_y, const int *sums,
-       const int *total, int *tile_counts, int *slot_starts, uint32_t *slot_tiles, int *slot_gid, uint8_t *hits) {
+KERNEL(list_fill, int n, const int *order, const Footprint *footprints, const uint8_t *mask, int tiles_x, int tiles_y,
+       const int *sums, const int *total, int *tile_counts, int *slot_starts, uint32_t *slot_tiles, int *slot_gid,
+       uint8_t *hits) {
     SHARED int scratch[WARPS + 1];
     Own<int> slot;
     PHASE {
@@ -85,10 +90,10 @@ KERNEL(list_fill, int n, const int *order, const Footprint *footprints, const ui
     }
 }
 
-// ranges [tiles + 1]: where each tile's list starts in the sorted slots, and where the last one ends: before slots left over, whose
-// tile is `tiles`. gid: the Gaussian of each slot.
-KERNEL(list_ranges, int capacity, int tiles, const int *total, const uint32_t *sorted_tiles, const int *slots, const int *slot_gid,
-       int *ranges, int *gid) {
+// ranges [tiles + 1]: where each tile's list starts in the sorted slots, and where the last one ends: before slots left
+// over, whose tile is `tiles`. gid: the Gaussian of each slot.
+KERNEL(list_ranges, int capacity, int tiles, const int *total, const uint32_t *sorted_tiles, const int *slots,
+       const int *slot_gid, int *ranges, int *gid) {
     EACH(k, capacity + 1) {
         const int count = total[LISTED];
         if (k > count) continue;

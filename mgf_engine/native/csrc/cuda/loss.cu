@@ -1,23 +1,25 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Forward half of the training loss (eq. 16-19): compose the render over the backdrop, pyramids of render and photo, similarity
-// maps of every level pooled per label, and from these the slopes that the other half (loss_backward.cu) starts from.
+// Forward half of the training loss (eq. 16-19): compose the render over the backdrop, pyramids of render and photo,
+// similarity maps of every level pooled per label, and from these the slopes that the other half (loss_backward.cu)
+// starts from.
 #include "cuda/loss.cuh"
 
 struct Backdrop {
     float of[3];
 };
 
-// Colour and photo of level 0: the render over the backdrop where there is a label, else the photo. colour: planes `plane` and rows
-// `row` floats apart, first pixel of the box; alpha: rows `row` apart; photo uint8 [3][h][w].
-KERNEL(loss_compose, BY_VALUE Levels levels, const float *colour, int plane, int row, const float *alpha, const uint8_t *photo,
-       const uint8_t *labels, BY_VALUE Backdrop backdrop, float *scratch) {
+// Colour and photo of level 0: the render over the backdrop where there is a label, else the photo. color: planes
+// `plane` and rows `row` floats apart, first pixel of the box; alpha: rows `row` apart; photo uint8 [3][h][w].
+KERNEL(loss_compose, BY_VALUE Levels levels, const float *color, int plane, int row, const float *alpha,
+       const uint8_t *photo, const uint8_t *labels, BY_VALUE Backdrop backdrop, float *scratch) {
     const Level &l = levels.of[0];
     EACH(i, l.height * l.width) {
         const int64_t from = (int64_t)(i / l.width) * row + i % l.width, size = (int64_t)l.height * l.width;
         const float through = 1.0f - alpha[from];
         for (int c = 0; c < 3; c++) {
-            const float p = photo[c * size + i] * (1.0f / 255), over = colour[c * (int64_t)plane + from] + through * backdrop.of[c];
-            scratch[l.colour + c * size + i] = labels[i] ? over : p;
+            const float p = photo[c * size + i] * (1.0f / 255),
+                        over = color[c * (int64_t)plane + from] + through * backdrop.of[c];
+            scratch[l.color + c * size + i] = labels[i] ? over : p;
             scratch[l.photo + c * size + i] = p;
         }
     }
@@ -30,9 +32,11 @@ KERNEL(loss_halve, BY_VALUE Levels levels, int s, float *scratch) {
         const int64_t at = (int64_t)(i / to.width) * 2 * from.width + i % to.width * 2;
         for (int plane = 0; plane < 6; plane++) {
             const int c = plane % 3;
-            const float *a = scratch + (plane < 3 ? from.colour : from.photo) + c * (int64_t)from.height * from.width + at;
+            const float *a =
+                scratch + (plane < 3 ? from.color : from.photo) + c * (int64_t)from.height * from.width + at;
             const float *b = a + from.width;
-            scratch[(plane < 3 ? to.colour : to.photo) + c * (int64_t)to.height * to.width + i] = 0.25f * ((a[0] + a[1]) + (b[0] + b[1]));
+            scratch[(plane < 3 ? to.color : to.photo) + c * (int64_t)to.height * to.width + i] =
+                0.25f * ((a[0] + a[1]) + (b[0] + b[1]));
         }
     }
 }
@@ -53,7 +57,7 @@ static inline void stage(const Level &l, const TileAt &t, int c, const float *sc
         const int r = i / HALO, k = i % HALO, y = t.y0 + r - RADIUS, x = t.x0 + k - RADIUS;
         const bool inside = inside_level(l, y, x);
         const int64_t at = plane + (int64_t)y * l.width + x;
-        to.x[r][k] = inside ? scratch[l.colour + at] : 0.0f;
+        to.x[r][k] = inside ? scratch[l.color + at] : 0.0f;
         to.y[r][k] = inside ? scratch[l.photo + at] : 0.0f;
     }
 }
@@ -80,13 +84,14 @@ static inline void compare(const Rows &rows, float *saved, int64_t plane, Simila
     const float x = blur_column(rows.x), y = blur_column(rows.y), cross = x * y, both = x * x + y * y;
     const float spread = 1.0f / (blur_column(rows.squares) - both + C2);
     const float structure = (2 * (blur_column(rows.product) - cross) + C2) * spread;
-    saved[MEAN_X * plane] = x, saved[MEAN_Y * plane] = y, saved[STRUCTURE * plane] = structure, saved[SPREAD * plane] = spread;
+    saved[MEAN_X * plane] = x, saved[MEAN_Y * plane] = y, saved[STRUCTURE * plane] = structure,
+                   saved[SPREAD * plane] = spread;
     to.ssim += (2 * cross + C1) / (both + C1) * structure;
     to.cs += structure;
 }
 
-// Similarities of all tiles with a label, pooled: sums [levels][2][ids] of ssim and cs per label, then SUM_EDGES, each three times too
-// large (channels are added up). grid: tiles of all levels.
+// Similarities of all tiles with a label, pooled: sums [levels][2][ids] of ssim and cs per label, then SUM_EDGES, each
+// three times too large (channels are added up). grid: tiles of all levels.
 KERNEL(loss_similarity, BY_VALUE Levels levels, Labels maps, int ids, float *scratch, long long *sums) {
     SHARED Staged staged;
     SHARED Rows rows;
@@ -114,7 +119,8 @@ KERNEL(loss_similarity, BY_VALUE Levels levels, Labels maps, int ids, float *scr
         PHASE {
             const int y = t.y0 + own_y(), x = t.x0 + own_x();
             const int64_t plane = (int64_t)l.height * l.width;
-            if (inside_level(l, y, x)) compare(rows, scratch + l.saved + c * SAVED * plane + (int64_t)y * l.width + x, plane, *own);
+            if (inside_level(l, y, x))
+                compare(rows, scratch + l.saved + c * SAVED * plane + (int64_t)y * l.width + x, plane, *own);
         }
     }
     EACH_WARP {
@@ -126,18 +132,22 @@ KERNEL(loss_similarity, BY_VALUE Levels levels, Labels maps, int ids, float *scr
             }
         } else {
             LANES {
-                if (*label) add_atomic(&pooled[0][*label], fixed(own->ssim, FIXED)), add_atomic(&pooled[1][*label], fixed(own->cs, FIXED));
+                if (*label)
+                    add_atomic(&pooled[0][*label], fixed(own->ssim, FIXED)),
+                        add_atomic(&pooled[1][*label], fixed(own->cs, FIXED));
             }
         }
         LANES {
-            const bool edge = t.level == 0 && *label && maps.edges[(int64_t)(t.y0 + own_y()) * l.width + t.x0 + own_x()];
+            const bool edge =
+                t.level == 0 && *label && maps.edges[(int64_t)(t.y0 + own_y()) * l.width + t.x0 + own_x()];
             *value = edge ? own->ssim : 0.0f;
         }
         add_lanes(value, FIXED, &edges);
     }
     PHASE {
         for (int map = 0; map < 2; map++)
-            if (THREAD < ids && pooled[map][THREAD]) add_atomic(sums + (2 * t.level + map) * ids + THREAD, pooled[map][THREAD]);
+            if (THREAD < ids && pooled[map][THREAD])
+                add_atomic(sums + (2 * t.level + map) * ids + THREAD, pooled[map][THREAD]);
         if (THREAD == 0 && edges) add_atomic(sums + 2 * levels.count * ids + SUM_EDGES, edges);
     }
 }
@@ -147,14 +157,16 @@ struct SimilarityFactors {
     float ssim, multilevel, base, edge, inside, edge_area;
 };
 
-// One mask of multi-scale SSIM (raster/loss.py, ms_ssim): its value, and its slopes in its pooled sums [levels][2], which lie `apart`
-// entries apart; the sizes [levels] of the mask lie `ids` apart.
-static inline double pool_mask(const Levels &levels, int ids, const long long *sums, int apart, const int *area, double *slope, int *kind) {
+// One mask of multi-scale SSIM (raster/loss.py, ms_ssim): its value, and its slopes in its pooled sums [levels][2],
+// which lie `apart` entries apart; the sizes [levels] of the mask lie `ids` apart.
+static inline double pool_mask(const Levels &levels, int ids, const long long *sums, int apart, const int *area,
+                               double *slope, int *kind) {
     const double exponents[MAX_LEVELS] = {0.0448, 0.2856, 0.3001, 0.2363, 0.1333};
     int scales = 0;  // in which the label takes part
     double all = 0.0, value = 1.0, kept[MAX_LEVELS];
     while (scales < levels.count && sqrt((double)area[0]) >= (double)(WINDOW << scales)) all += exponents[scales++];
-    for (int s = 0; s < levels.count; s++) slope[s] = 0.0, kind[s] = s == scales - 1 ? 0 : 1;  // similarity at its last scale
+    for (int s = 0; s < levels.count; s++)
+        slope[s] = 0.0, kind[s] = s == scales - 1 ? 0 : 1;  // similarity at its last scale
     for (int s = 0; s < scales; s++) {
         const int size = area[s * ids];
         const double mean = size ? (double)sums[(2 * s + kind[s]) * apart] / (3.0 * FIXED) / size : 1.0;
@@ -166,11 +178,11 @@ static inline double pool_mask(const Levels &levels, int ids, const long long *s
     return value;
 }
 
-// slopes [levels][2][ids]: dL/dssim and dL/dcs of single pixels, divided by the three channels; similarity: the SSIM terms of the
-// loss. area [levels][ids], shares [ids]: pixels and weight of each label and, in place of label 0, of the whole building, which labels
-// 1..elements make up. One block, a thread a label.
-KERNEL(loss_slopes, BY_VALUE Levels levels, int ids, int elements, const long long *sums, const int *area, const double *shares,
-       BY_VALUE SimilarityFactors k, float *slopes, double *similarity) {
+// slopes [levels][2][ids]: dL/dssim and dL/dcs of single pixels, divided by the three channels; similarity: the SSIM
+// terms of the loss. area [levels][ids], shares [ids]: pixels and weight of each label and, in place of label 0, of the
+// whole building, which labels 1..elements make up. One block, a thread a label.
+KERNEL(loss_slopes, BY_VALUE Levels levels, int ids, int elements, const long long *sums, const int *area,
+       const double *shares, BY_VALUE SimilarityFactors k, float *slopes, double *similarity) {
     SHARED double lost[MAX_IDS], plain[MAX_IDS], from_whole[2 * MAX_LEVELS];
     SHARED long long whole[2 * MAX_LEVELS];
     PHASE {
@@ -184,7 +196,8 @@ KERNEL(loss_slopes, BY_VALUE Levels levels, int ids, int elements, const long lo
         if (THREAD || !(k.multilevel > 0.0f)) continue;
         double slope[MAX_LEVELS];
         int kind[MAX_LEVELS];
-        const double value = pool_mask(levels, ids, whole, 1, area, slope, kind), share = (double)k.multilevel * k.ssim * shares[0];
+        const double value = pool_mask(levels, ids, whole, 1, area, slope, kind),
+                     share = (double)k.multilevel * k.ssim * shares[0];
         for (int s = 0; s < levels.count; s++) from_whole[2 * s + kind[s]] = -share * slope[s];
         lost[0] = share * (1.0 - value);
     }

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What the kernels of the training loss (loss.cu, loss_backward.cu) share. The formulas are those of the C kernels (loss.h, loss.c,
-// loss_backward.c); the box of a target and every coarser level of it are cut into tiles of 16 x 16 pixels, a thread a pixel.
+// What the kernels of the training loss (loss.cu, loss_backward.cu) share. The formulas are those of the C kernels
+// (loss.h, loss.c, loss_backward.c); the box of a target and every coarser level of it are cut into tiles of 16 x 16
+// pixels, a thread a pixel.
 //
-// Sums over pixels go into whole numbers of 64 bits, in units of 2^-32 (SUM_L1: 2^-44). Whole numbers can be added in any
-// order: the blocks need not wait for each other and the result is still the same bits every time.
+// Sums over pixels go into whole numbers of 64 bits, in units of 2^-32 (SUM_L1: 2^-44). Whole numbers can be added in
+// any order: the blocks need not wait for each other and the result is still the same bits every time.
 #pragma once
 #include "cuda/block.cuh"
 
@@ -21,11 +22,12 @@ enum { SIDE = 16, RADIUS = 5, WINDOW = 2 * RADIUS + 1, HALO = SIDE + 2 * RADIUS,
 TABLE const float WEIGHTS[WINDOW] = {0.00102838f, 0.00759876f, 0.03600077f, 0.10936069f, 0.21300553f, 0.26601172f,
                                      0.21300553f, 0.10936069f, 0.03600077f, 0.00759876f, 0.00102838f};
 
-// One level of the pyramid: size, tiles, and where its images begin in the scratch array. colour (render over the backdrop, the
-// photo outside the mask), photo and grad (dL/dcolour, levels > 0 only): [3][h][w]; saved: [3][SAVED][h][w].
+// One level of the pyramid: size, tiles, and where its images begin in the scratch array. color (render over the
+// backdrop, the photo outside the mask), photo and grad (dL/dcolor, levels > 0 only): [3][h][w]; saved:
+// [3][SAVED][h][w].
 struct Level {
     int height, width, tiles_x, first_tile;
-    long long colour, photo, saved, grad;
+    long long color, photo, saved, grad;
 };
 
 enum { MEAN_X, MEAN_Y, STRUCTURE, SPREAD, SAVED };
@@ -63,7 +65,9 @@ static inline int label_at(const Levels &levels, const uint8_t *labels, int leve
     return labels[((int64_t)y << level) * levels.of[0].width + ((int64_t)x << level)];
 }
 
-static inline bool inside_level(const Level &l, int y, int x) { return y >= 0 && x >= 0 && y < l.height && x < l.width; }
+static inline bool inside_level(const Level &l, int y, int x) {
+    return y >= 0 && x >= 0 && y < l.height && x < l.width;
+}
 
 static inline long long fixed(float x, float unit) { return llrintf(x * unit); }
 

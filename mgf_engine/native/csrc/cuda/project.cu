@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// From the raw parameters of Gaussians to records, footprints and depths; one thread a Gaussian. The formulas are those of the C
-// kernels, from the same headers (project.h, gaussian.h, footprint.h, harmonics.h).
+// From the raw parameters of Gaussians to records, footprints and depths; one thread a Gaussian. The formulas are those
+// of the C kernels, from the same headers (project.h, gaussian.h, footprint.h, harmonics.h).
 #include "cuda/block.cuh"
 
 #include "raster/harmonics.h"
 #include "raster/project.h"
 
-// sums [tiles_y, tiles_x + 1]: running count of wanted tiles along each row of mask [tiles_y, tiles_x] (null: all are wanted).
+// sums [tiles_y, tiles_x + 1]: running count of wanted tiles along each row of mask [tiles_y, tiles_x] (null: all are
+// wanted).
 KERNEL(mask_rows, int tiles_x, int tiles_y, const uint8_t *mask, int *sums) {
     EACH(y, tiles_y) {
         int count = 0;
@@ -19,7 +20,7 @@ KERNEL(mask_rows, int tiles_x, int tiles_y, const uint8_t *mask, int *sums) {
 }
 
 // max(0, 1/2 + sum_b Y_b sh[b]) of one Gaussian; returns whether it is finite.
-static inline bool colour(const Lanes *s, const float *sh, const Camera *camera, int degree, float *rgb) {
+static inline bool color(const Lanes *s, const float *sh, const Camera *camera, int degree, float *rgb) {
     float direction[3], inv_distance, basis[16], sum[3] = {0.5f, 0.5f, 0.5f};
     view_direction(s, camera, direction, &inv_distance);
     sh_basis(degree, direction[0], direction[1], direction[2], basis);
@@ -31,8 +32,8 @@ static inline bool colour(const Lanes *s, const float *sh, const Camera *camera,
     return all - all == 0.0f;
 }
 
-// Fills records [n, 32], footprints [n], tile_counts [n] (0: not drawn) and depth_keys [n] (bits of the depth; all ones where
-// nothing is drawn, so that those sort to the end).
+// Fills records [n, 32], footprints [n], tile_counts [n] (0: not drawn) and depth_keys [n] (bits of the depth; all ones
+// where nothing is drawn, so that those sort to the end).
 KERNEL(project, int n, BY_VALUE Camera camera, const float *positions, const float *log_scales, const float *rotations,
        const float *opacity_logits, const float *sh, const float *filter_3d, int degree, int tiles_x, int tiles_y,
        const int *mask_sums, float4 *records, Footprint *footprints, int *tile_counts, uint32_t *depth_keys) {
@@ -48,7 +49,7 @@ KERNEL(project, int n, BY_VALUE Camera camera, const float *positions, const flo
         if (!s.front) continue;
         geometry_columns(&s, &camera, record.of);
         if (!(record.of[REC_OPACITY] > ALPHA_MIN)) continue;
-        if (!colour(&s, sh + SH_ROW * (int64_t)i, &camera, degree, record.of + REC_R)) continue;
+        if (!color(&s, sh + SH_ROW * (int64_t)i, &camera, degree, record.of + REC_R)) continue;
         float sum = 0.0f;  // not finite when any column is not
         for (int c = 0; c <= REC_NZ; c++) sum += record.of[c];
         if (!(sum - sum == 0.0f)) continue;

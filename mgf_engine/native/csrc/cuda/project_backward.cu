@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Gradients of the projection: from the sums that blending left per list entry to the raw parameters; one thread a Gaussian.
-// The formulas are those of the C kernels, from the same headers (project_gradients.h, gaussian.h, harmonics.h).
+// Gradients of the projection: from the sums that blending left per list entry to the raw parameters; one thread a
+// Gaussian. The formulas are those of the C kernels, from the same headers (project_gradients.h, gaussian.h,
+// harmonics.h).
 #include "cuda/block.cuh"
 
 #include "raster/harmonics.h"
@@ -18,7 +19,8 @@ struct Statistics {
 };
 
 // Adds the slots of one Gaussian, always in the same order; returns whether any pixel took it.
-static inline bool add_slots(float *sum, int first, int count, const uint8_t *hits, const float *slot_sums, int columns) {
+static inline bool add_slots(float *sum, int first, int count, const uint8_t *hits, const float *slot_sums,
+                             int columns) {
     bool seen = false;
     for (int c = 0; c < SUM_SIZE; c++) sum[c] = 0.0f;
     for (int slot = first; slot < first + count; slot++) {
@@ -35,8 +37,8 @@ static inline bool add_slots(float *sum, int first, int count, const uint8_t *hi
 }
 
 // Gradients of the harmonics' coefficients, into the Gaussian's row, and of its position through the view direction.
-static inline void colour_gradient(const Lanes *s, const float *sh, const Camera *camera, const float *sum, const float *record, int degree,
-                                   float *row, float *position) {
+static inline void color_gradient(const Lanes *s, const float *sh, const Camera *camera, const float *sum,
+                                  const float *record, int degree, float *row, float *position) {
     float direction[3], inv_distance, basis[16], along_basis[16], g_direction[3], g[3];
     view_direction(s, camera, direction, &inv_distance);
     sh_basis(degree, direction[0], direction[1], direction[2], basis);
@@ -66,13 +68,16 @@ static inline void add_statistics(const Statistics &out, const float *sum, const
     if (record[REC_RADIUS] > out.max_radius[i]) out.max_radius[i] = record[REC_RADIUS];
 }
 
-// Writes every row of the five gradients (zero where nothing was drawn). columns: how many of each slot's sums were written.
-KERNEL(project_backward, int n, BY_VALUE Camera camera, const float *positions, const float *log_scales, const float *rotations,
-       const float *opacity_logits, const float *sh, const float *filter_3d, int degree, const float4 *records, const int *tile_counts,
-       const int *slot_starts, const uint8_t *hits, const float *slot_sums, int columns, ParameterGradients out, Statistics statistics) {
+// Writes every row of the five gradients (zero where nothing was drawn). columns: how many of each slot's sums were
+// written.
+KERNEL(project_backward, int n, BY_VALUE Camera camera, const float *positions, const float *log_scales,
+       const float *rotations, const float *opacity_logits, const float *sh, const float *filter_3d, int degree,
+       const float4 *records, const int *tile_counts, const int *slot_starts, const uint8_t *hits,
+       const float *slot_sums, int columns, ParameterGradients out, Statistics statistics) {
     EACH(i, n) {
         float sum[SUM_SIZE];
-        if (!tile_counts[i] || !add_slots(sum, slot_starts[i], tile_counts[i], hits, slot_sums, columns) || !sound(sum, SUM_SIZE)) {
+        if (!tile_counts[i] || !add_slots(sum, slot_starts[i], tile_counts[i], hits, slot_sums, columns) ||
+            !sound(sum, SUM_SIZE)) {
             zero_rows(out, i);
             continue;
         }
@@ -91,14 +96,16 @@ KERNEL(project_backward, int n, BY_VALUE Camera camera, const float *positions, 
         for (int c = 0; c < 3; c++) position[c] = r[c] * g.m[0] + r[3 + c] * g.m[1] + r[6 + c] * g.m[2];
         quaternion_gradient(&s, &camera, g.axis, rotation);
         scale_gradients(&s, &g, log_scale, &logit);
-        colour_gradient(&s, sh + SH_ROW * (int64_t)i, &camera, sum, record.of, degree, out.sh + SH_ROW * (int64_t)i, position);
+        color_gradient(&s, sh + SH_ROW * (int64_t)i, &camera, sum, record.of, degree, out.sh + SH_ROW * (int64_t)i,
+                       position);
         if (!(sound(position, 3) && sound(log_scale, 3) && sound(rotation, 4) && sound(&logit, 1))) {
             // beyond float32 (scales at their bound, focal lengths below a pixel): as none
             for (int c = 0; c < 3; c++) position[c] = log_scale[c] = 0.0f;
             for (int c = 0; c < 4; c++) rotation[c] = 0.0f;
             logit = g.centre[0] = g.centre[1] = 0.0f;
         }
-        for (int c = 0; c < 3; c++) out.positions[3 * (int64_t)i + c] = position[c], out.log_scales[3 * (int64_t)i + c] = log_scale[c];
+        for (int c = 0; c < 3; c++)
+            out.positions[3 * (int64_t)i + c] = position[c], out.log_scales[3 * (int64_t)i + c] = log_scale[c];
         for (int c = 0; c < 4; c++) out.rotations[4 * (int64_t)i + c] = rotation[c];
         out.opacity_logits[i] = logit;
         if (statistics.weight) add_statistics(statistics, sum, record.of, centre_gradient(&g, &camera), i);

@@ -1,17 +1,23 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Stable radix sort of 32-bit keys with 32-bit values, eight bits a pass, least significant first: three kernels a pass.
+// Stable radix sort of 32-bit keys with 32-bit values, eight bits a pass, least significant first: three kernels a
+// pass.
 //
 //   radix_count    how often each digit occurs in each run of 1024 items
 //   radix_rows     per digit, the running sum of those counts over the runs
 //   radix_scatter  every item to its place: digits before its own, runs before its own, then its rank within the run
 //
-// How many items there are may be known on the GPU alone: `listed` points at the number (null: all n), n is the capacity.
-// Ranks come from the votes of warps, not from atomics, so equal keys keep their order and the result is the same every time.
+// How many items there are may be known on the GPU alone: `listed` points at the number (null: all n), n is the
+// capacity. Ranks come from the votes of warps, not from atomics, so equal keys keep their order and the result is the
+// same every time.
 #include "cuda/block.cuh"
 
 #include <stdint.h>
 
-enum { DIGITS = 256, EACH_LANE = 4, RUN = BLOCK * EACH_LANE };  // a warp of a run has 128 items, a lane every 32nd of them
+enum {
+    DIGITS = 256,
+    EACH_LANE = 4,
+    RUN = BLOCK * EACH_LANE
+};  // a warp of a run has 128 items, a lane every 32nd of them
 
 static inline int item_of(int j) { return BLOCK_X * RUN + THIS_WARP * WARP * EACH_LANE + j * WARP + THIS_LANE; }
 
@@ -48,8 +54,8 @@ KERNEL(radix_rows, int runs, int *counts, int *totals) {
 }
 
 // values null: the items' own numbers. grid: runs.
-KERNEL(radix_scatter, int n, const int *listed, int runs, const uint32_t *keys, const int *values, int shift, const int *counts,
-       const int *totals, uint32_t *sorted_keys, int *sorted_values) {
+KERNEL(radix_scatter, int n, const int *listed, int runs, const uint32_t *keys, const int *values, int shift,
+       const int *counts, const int *totals, uint32_t *sorted_keys, int *sorted_values) {
     SHARED int places[WARPS][DIGITS], scratch[WARPS + 1];
     struct Items {
         uint32_t key[EACH_LANE];
@@ -71,7 +77,8 @@ KERNEL(radix_scatter, int n, const int *listed, int runs, const uint32_t *keys, 
                 const int i = item_of(j);
                 items->key[j] = i < count ? keys[i] : 0;
                 items->value[j] = i < count && values ? values[i] : i;
-                *digit = i < count ? (items->key[j] >> shift) & (DIGITS - 1) : DIGITS + THIS_LANE;  // those beyond are no one's peers
+                // those beyond are no one's peers
+                *digit = i < count ? (items->key[j] >> shift) & (DIGITS - 1) : DIGITS + THIS_LANE;
             }
             match_lanes(digit, peers);
             LANES {

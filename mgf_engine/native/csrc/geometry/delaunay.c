@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Delaunay tetrahedra of points, inserted one after another (Bowyer 1981, Watson 1981) with exact predicates.
 //
-// Of five points on one sphere the numbers decide (Edelsbrunner and Muecke 1990, as tetgen does), so that the tetrahedra are
-// the same in whichever order points come. Outside of the hull lie tetrahedra whose fourth corner is OUTSIDE: each has its
-// face of the hull and the three beyond that face's edges as neighbours. Arrays of whole numbers keep this below a third of
-// what structures with pointers take.
+// Of five points on one sphere the numbers decide (Edelsbrunner and Muecke 1990, as tetgen does), so that the
+// tetrahedra are the same in whichever order points come. Outside of the hull lie tetrahedra whose fourth corner is
+// OUTSIDE: each has its face of the hull and the three beyond that face's edges as neighbours. Arrays of whole numbers
+// keep this below a third of what structures with pointers take.
 #include <stdlib.h>
 
 #include "common/export.h"
@@ -29,10 +29,11 @@ typedef struct {
 typedef struct {
     const double *points;  // [n][3]
     int32_t *corner;       // [capacity][4] points, OUTSIDE; the first one FREE where nothing is
-    int32_t *beyond;       // [capacity][4] 4 x tetrahedron beyond the face opposite of a corner + its corner opposite of it
+    int32_t *beyond;  // [capacity][4] 4 x tetrahedron beyond the face opposite of a corner + its corner opposite of it
     uint8_t *known;        // [capacity] of this point: 1 in conflict, 2 not
     int64_t capacity, count;
-    List spare, cavity, rim, tested;  // free numbers; in conflict; 4 x tetrahedron + corner of the faces around; all asked
+    List spare, cavity, rim,
+        tested;  // free numbers; in conflict; 4 x tetrahedron + corner of the faces around; all asked
     Slot *slots;
     int64_t slot_count;
     uint32_t turn;
@@ -97,7 +98,8 @@ static int32_t locate(const Mesh *m, int32_t t, int32_t p) {
         if (outer_corner(corner) >= 0) return t;
         for (int k = 0; k < 4 && over < 0; k++) {
             const int *f = FACE[k];
-            if (k != from && side(at(m, corner[f[0]]), at(m, corner[f[1]]), at(m, corner[f[2]]), at(m, p)) > 0) over = k;
+            if (k != from && side(at(m, corner[f[0]]), at(m, corner[f[1]]), at(m, corner[f[2]]), at(m, p)) > 0)
+                over = k;
         }
         if (over < 0) return t;
         const int32_t next = m->beyond[4 * (int64_t)t + over];
@@ -261,10 +263,10 @@ static int64_t insert_all(Mesh *m, int64_t n, const int32_t *order, const int32_
     return m->count;
 }
 
-/* Makes the Delaunay tetrahedra of points [n][3], whole numbers of 2^-53 between 0 and 1, inserted in `order` [n]; of equal
-   ones the first counts. corner, beyond [capacity][4] and known [capacity] (0) are for work. *stop is asked now and then.
-   Returns how many places of `corner` are in use; those with a corner below 0 are none. Or why not: -1 more capacity is
-   needed, -2 all points lie in one plane, -3 stopped, -4 no memory. */
+/* Makes the Delaunay tetrahedra of points [n][3], whole numbers of 2^-53 between 0 and 1, inserted in `order` [n]; of
+   equal ones the first counts. corner, beyond [capacity][4] and known [capacity] (0) are for work. *stop is asked now
+   and then. Returns how many places of `corner` are in use; those with a corner below 0 are none. Or why not: -1 more
+   capacity is needed, -2 all points lie in one plane, -3 stopped, -4 no memory. */
 MGF_API int64_t mgf_delaunay(int64_t n, const double *points, const int32_t *order, int64_t capacity, int32_t *corner,
                              int32_t *beyond, uint8_t *known, const int32_t *stop) {
     Mesh m = {.points = points, .corner = corner, .beyond = beyond, .known = known, .capacity = capacity};
@@ -309,10 +311,11 @@ static void sort_few(Four *list, int64_t count) {
     }
 }
 
-/* Writes the tetrahedra among corner [count][4] in an order that does not depend on how they were made: each begins with
-   its corner of the lowest number and then the next one, volumes stay positive, and all are sorted by their corners. first
-   [points + 1] is for work. Returns how many there are. */
-MGF_API int64_t mgf_sort_tetrahedra(int64_t count, const int32_t *corner, int64_t points, int64_t *first, int32_t *sorted) {
+/* Writes the tetrahedra among corner [count][4] in an order that does not depend on how they were made: each begins
+   with its corner of the lowest number and then the next one, volumes stay positive, and all are sorted by their
+   corners. first [points + 1] is for work. Returns how many there are. */
+MGF_API int64_t mgf_sort_tetrahedra(int64_t count, const int32_t *corner, int64_t points, int64_t *first,
+                                    int32_t *sorted) {
     int32_t own[4];
     for (int64_t v = 0; v <= points; v++) first[v] = 0;
     for (int64_t t = 0; t < count; t++) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Exact predicates of points whose coordinates are whole numbers of 2^-53 between 0 and 1: on which side of a plane, and
-// whether inside of a sphere. In doubles where their error bound allows (Shewchuk 1997), else in whole numbers: differences
-// have 54 bits, so that everything fits into 320.
+// Exact predicates of points whose coordinates are whole numbers of 2^-53 between 0 and 1: on which side of a plane,
+// and whether inside of a sphere. In doubles where their error bound allows (Shewchuk 1997), else in whole numbers:
+// differences have 54 bits, so that everything fits into 320.
 #pragma once
 #include <math.h>
 #include <stdint.h>
@@ -24,7 +24,8 @@ static inline Huge huge(Wide value) {
 
 static inline Huge sum(Huge a, Huge b) {
     unsigned __int128 carry = 0;
-    for (int k = 0; k < LIMBS; k++) carry += (unsigned __int128)a.limb[k] + b.limb[k], a.limb[k] = (uint64_t)carry, carry >>= 64;
+    for (int k = 0; k < LIMBS; k++)
+        carry += (unsigned __int128)a.limb[k] + b.limb[k], a.limb[k] = (uint64_t)carry, carry >>= 64;
     return a;
 }
 
@@ -73,7 +74,8 @@ static inline int side(const double *a, const double *b, const double *c, const 
     for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], v[k] = c[k] - a[k], w[k] = d[k] - a[k];  // exact
     const double p = v[1] * w[2], q = v[2] * w[1], r = v[2] * w[0], s = v[0] * w[2], t = v[0] * w[1], o = v[1] * w[0];
     const double found = u[0] * (p - q) + u[1] * (r - s) + u[2] * (t - o);
-    const double most = (fabs(p) + fabs(q)) * fabs(u[0]) + (fabs(r) + fabs(s)) * fabs(u[1]) + (fabs(t) + fabs(o)) * fabs(u[2]);
+    const double most =
+        (fabs(p) + fabs(q)) * fabs(u[0]) + (fabs(r) + fabs(s)) * fabs(u[1]) + (fabs(t) + fabs(o)) * fabs(u[2]);
     const double bound = 8 * ROUNDING * most;
     if (found > bound) return 1;
     if (found < -bound) return -1;

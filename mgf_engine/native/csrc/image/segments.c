@@ -2,8 +2,8 @@
 // Straight edges of photos matched to lines in space (after Hofer et al. 2017, Line3D++): a pair of segments gives a
 // line, segments of other photos vote for it, least squares puts it where all of them want it.
 //
-// Segments are directed, brighter side always on the same hand, so that edges of opposite gradient never match. A grid of
-// cells over each photo tells which segments pass near a pixel; a vote asks four cells instead of all segments.
+// Segments are directed, brighter side always on the same hand, so that edges of opposite gradient never match. A grid
+// of cells over each photo tells which segments pass near a pixel; a vote asks four cells instead of all segments.
 #include <math.h>
 #include <string.h>
 
@@ -26,7 +26,7 @@ typedef struct {
     const int32_t *cell;       // [cells + 1] where each cell's segments begin in `near`
     const int32_t *near;
     int64_t views;
-    double cell_size, reach, colour, overlap;  // px, px, Lab, share of the line
+    double cell_size, reach, color, overlap;  // px, px, Lab, share of the line
 } Segments;
 
 typedef struct {
@@ -43,7 +43,7 @@ static int project(const double *p, const double *x, double *uv) {
 }
 
 // Has at least one side the same colour? Lightness counts a third: it changes with the view.
-static int same_colour(const float *a, const float *b, double most) {
+static int same_color(const float *a, const float *b, double most) {
     for (int k = 0; k < 2; k++) {
         const double l = (a[3 * k] - b[3 * k]) / 3, u = a[3 * k + 1] - b[3 * k + 1], v = a[3 * k + 2] - b[3 * k + 2];
         if (l * l + u * u + v * v < most * most) return 1;
@@ -86,7 +86,7 @@ static int32_t vote(const Segments *s, int64_t view, const Line *line, const flo
         for (int32_t k = s->cell[cell]; k < s->cell[cell + 1]; k++) {
             const int32_t m = s->near[k];
             const double found = support(s, m, a, d, length, s->reach);
-            if (found > *score && same_colour(sides, s->sides + 6 * m, s->colour)) *score = found, best = m;
+            if (found > *score && same_color(sides, s->sides + 6 * m, s->color)) *score = found, best = m;
         }
     }
     return best;
@@ -137,7 +137,7 @@ MGF_API void mgf_match_segments(int32_t *next, int64_t n, const Segments *s, con
             if (others[j] < 0) continue;
             for (int32_t m = s->first[others[j]]; m < s->first[others[j] + 1]; m++) {
                 Line line;
-                if (!same_colour(s->sides + 6 * i, s->sides + 6 * m, s->colour)) continue;
+                if (!same_color(s->sides + 6 * i, s->sides + 6 * m, s->color)) continue;
                 if (!line_of(s, i, m, least_sine, box, box + 3, &line) || !covers(s, m, &line)) continue;
                 double total = 0, one;
                 for (int64_t k = 0; k < count; k++)
@@ -155,7 +155,8 @@ static int residual(const Segments *s, int32_t m, const Line *line, double *r) {
     if (!project(p, line->x[0], a) || !project(p, line->x[1], b)) return 0;
     const double dx = b[0] - a[0], dy = b[1] - a[1], length = sqrt(dx * dx + dy * dy);
     if (!(length > 1e-9)) return 0;
-    r[0] = ((e[0] - a[0]) * dy - (e[1] - a[1]) * dx) / length, r[1] = ((e[2] - a[0]) * dy - (e[3] - a[1]) * dx) / length;
+    r[0] = ((e[0] - a[0]) * dy - (e[1] - a[1]) * dx) / length,
+    r[1] = ((e[2] - a[0]) * dy - (e[3] - a[1]) * dx) / length;
     return 1;
 }
 
@@ -229,7 +230,8 @@ static void improve(const Segments *s, const int32_t *rows, int64_t count, doubl
 // Where the rays of a segment's ends pass a line nearest, from its first point, in units of space.
 static void along(const Segments *s, int32_t m, const Line *line, double *t) {
     double d[3], w[3];
-    for (int k = 0; k < 3; k++) d[k] = line->x[1][k] - line->x[0][k], w[k] = line->x[0][k] - s->centre[3 * s->view[m] + k];
+    for (int k = 0; k < 3; k++)
+        d[k] = line->x[1][k] - line->x[0][k], w[k] = line->x[0][k] - s->centre[3 * s->view[m] + k];
     const double length = sqrt(dot3(d, d)) + 1e-30;
     for (int k = 0; k < 3; k++) d[k] /= length;
     for (int e = 0; e < 2; e++) {

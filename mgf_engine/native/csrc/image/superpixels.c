@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Superpixels: k-means of colour and place, each centre asked about its surroundings alone (SLIC; Achanta et al. 2012).
 //
-// The answer is to the bit that of OpenCV's SLIC, which looks every pixel up anew for every centre and takes ten times as
-// long. Hence products are not fused with sums here: OpenCV rounds them one by one.
+// The answer is to the bit that of OpenCV's SLIC, which looks every pixel up anew for every centre and takes ten times
+// as long. Hence products are not fused with sums here: OpenCV rounds them one by one.
 #include <float.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,7 +18,7 @@ typedef struct {
 } Picture;
 
 typedef struct {
-    float colour[CHANNELS], x, y;
+    float color[CHANNELS], x, y;
 } Centre;
 
 static inline float pixel(const Picture *p, int c, int64_t y, int64_t x) { return p->channel[c][y * p->stride + x]; }
@@ -36,7 +36,7 @@ static float edge(const Picture *p, int64_t y, int64_t x) {
 }
 
 static void put(const Picture *p, int64_t y, int64_t x, Centre *centre) {
-    for (int c = 0; c < CHANNELS; c++) centre->colour[c] = pixel(p, c, y, x);
+    for (int c = 0; c < CHANNELS; c++) centre->color[c] = pixel(p, c, y, x);
     centre->x = x, centre->y = y;
 }
 
@@ -88,7 +88,7 @@ static void grow(const Picture *p, const Centre *centre, int32_t number, int64_t
             const v16 dy = splat((float)y - centre->y), apart = (across + settled(dy * dy)) / scale;
             v16 sum = splat(0.0f);
             for (int c = 0; c < CHANNELS; c++) {
-                const v16 d = load16(p->channel[c] + at) - centre->colour[c];
+                const v16 d = load16(p->channel[c] + at) - centre->color[c];
                 sum += settled(d * d);
             }
             sum += apart;
@@ -109,18 +109,18 @@ static void move_centres(const Picture *p, int64_t number, Centre *centres, int3
         for (int64_t x = 0; x < p->width; x++) {
             const int64_t at = y * p->stride + x;
             Centre *centre = centres + p->label[at];
-            for (int c = 0; c < CHANNELS; c++) centre->colour[c] += p->channel[c][at];
+            for (int c = 0; c < CHANNELS; c++) centre->color[c] += p->channel[c][at];
             centre->x += x, centre->y += y, sizes[p->label[at]]++;
         }
     for (int64_t n = 0; n < number; n++) {
         const float size = sizes[n] ? sizes[n] : 1;
-        for (int c = 0; c < CHANNELS; c++) centres[n].colour[c] /= size;
+        for (int c = 0; c < CHANNELS; c++) centres[n].color[c] /= size;
         centres[n].x /= size, centres[n].y /= size;
     }
 }
 
-// Numbers the connected pieces of equal labels anew, from 0 in reading order; pieces of up to `smallest` pixels join one
-// beside them. Returns how many there are. queue: room for all pixels.
+// Numbers the connected pieces of equal labels anew, from 0 in reading order; pieces of up to `smallest` pixels join
+// one beside them. Returns how many there are. queue: room for all pixels.
 static int64_t connect(const Picture *p, int64_t smallest, int32_t *queue, int32_t *result) {
     static const int across[4] = {-1, 0, 1, 0}, along[4] = {0, -1, 0, 1};
     int32_t next = 0, beside = 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Fewer faces by collapsing edges, cheapest first (quadric error metric), within bounds that are checked, not estimated.
+// Fewer faces by collapsing edges, cheapest first (quadric error metric), within bounds that are checked, not
+// estimated.
 //
 // Every vertex of the given mesh stays behind as a *sample* that lies on one of the present faces. A collapse is done
 // only if each sample around it stays within its tolerance of the new faces, and their colours are right on average; a
@@ -163,8 +164,8 @@ static void sweep(Mesh *m, const int32_t *vertex, int64_t count, int64_t stop) {
 }
 
 /* Begins to reduce a mesh in place; the arrays must live until mgf_collapse_end. Returns a handle, 0: no memory.
-   at, colors: [vertices][3], near the origin. samples: the same places as float32, tolerances: [vertices] distance that a
-   sample may have from the result. color_tolerance: root mean square per channel; negative: any. */
+   at, colors: [vertices][3], near the origin. samples: the same places as float32, tolerances: [vertices] distance that
+   a sample may have from the result. color_tolerance: root mean square per channel; negative: any. */
 MGF_API int64_t mgf_collapse_begin(int64_t vertices, int64_t faces, Point *at, int32_t *face, const float *samples,
                                    const float *tolerances, const uint8_t *colors, float color_tolerance) {
     Mesh *m = calloc(1, sizeof *m);

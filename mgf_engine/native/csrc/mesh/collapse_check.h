@@ -101,9 +101,11 @@ static int sound(const Star *star) {
     }
     for (int i = star->shared; i < star->count; i++) {
         const Point *o = star->old[i], *v = star->now[i];
-        const Point old = cross(minus(o[1], o[0]), minus(o[2], o[0])), now = cross(minus(v[1], v[0]), minus(v[2], v[0]));
+        const Point old = cross(minus(o[1], o[0]), minus(o[2], o[0])),
+                    now = cross(minus(v[1], v[0]), minus(v[2], v[0]));
         const double size = sqrt(dot(now, now));
-        if (dot(old, now) < TURN * size * sqrt(dot(old, old)) && dot(whole, now) < TURN * size * sqrt(dot(whole, whole)))
+        if (dot(old, now) < TURN * size * sqrt(dot(old, old)) &&
+            dot(whole, now) < TURN * size * sqrt(dot(whole, whole)))
             return 0;
         if (dot(now, whole) < 0 && size > sqrt(dot(old, old))) return 0;
         worst_new = fmin(worst_new, shape(now, v));

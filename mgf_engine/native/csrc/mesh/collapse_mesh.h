@@ -121,7 +121,8 @@ static void add_face(Mesh *m, int64_t i) {
 
 static int set_up(Mesh *m, const uint8_t *colors) {
     const size_t n = (size_t)m->vertices, f = (size_t)m->faces;
-    m->color = malloc(n * sizeof *m->color), m->first = malloc(n * 4), m->next = malloc(f * 12), m->stamp = calloc(n, 4);
+    m->color = malloc(n * sizeof *m->color), m->first = malloc(n * 4), m->next = malloc(f * 12),
+    m->stamp = calloc(n, 4);
     m->quadric = calloc(n, sizeof(Quadric)), m->rim = calloc(n, 1), m->touched = malloc(n);
     m->held = malloc(f * 4), m->after = malloc(n * 4);
     if (!m->color || !m->first || !m->next || !m->stamp || !m->quadric) return 0;

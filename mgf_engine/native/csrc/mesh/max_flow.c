@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // The minimum cut between tetrahedra, by two search trees that grow towards each other (Boykov and Kolmogorov 2004).
 //
-// Every tetrahedron has four neighbours at most, so that a place in the tables names an arc and its neighbour the arc back:
-// 71 bytes a tetrahedron, where a graph of nodes, arcs and pointers takes 175. Which tetrahedra can reach the inside in the
-// end does not depend on the order of the work.
+// Every tetrahedron has four neighbours at most, so that a place in the tables names an arc and its neighbour the arc
+// back: 71 bytes a tetrahedron, where a graph of nodes, arcs and pointers takes 175. Which tetrahedra can reach the
+// inside in the end does not depend on the order of the work.
 #include "common/export.h"
 
 enum { NONE = -1, ROOT = 4, ORPHAN = 5 };  // what stands for a parent beside the four neighbours
@@ -21,7 +21,8 @@ typedef struct {
     double *excess;            // [n] what may still come from outside; negative: go inside
     int8_t *parent;            // [n] which neighbour
     uint8_t *tree;             // [n] of those that have a parent
-    int32_t *stamp, *depth;    // [n] steps to the root, and when that was known; stale ones are no shorter than the way is
+    int32_t *stamp,
+        *depth;  // [n] steps to the root, and when that was known; stale ones are no shorter than the way is
     int32_t now;
     Queue active, orphans;
     double flow;
@@ -163,7 +164,8 @@ static int32_t steps_to_root(Graph *g, int32_t i) {
     return steps;
 }
 
-// Hangs an orphan on the neighbour nearest to the root; where there is none it leaves the tree, and its children are orphans.
+// Hangs an orphan on the neighbour nearest to the root; where there is none it leaves the tree, and its children are
+// orphans.
 static void adopt(Graph *g, int32_t i) {
     int32_t least = NEVER;
     int parent = NONE;
@@ -189,14 +191,16 @@ static void adopt(Graph *g, int32_t i) {
     }
 }
 
-/* Finds the minimum cut between outside and inside, and which tetrahedra [n] are inside: those from where more could flow
-   inside; the flow that is added goes to flow [1]. neighbour [n][4], -1 for none. residual [n][4]: what may flow to each
-   neighbour, and excess [n]: what may come from outside (negative: go inside); both are left with what is over, so that a
-   second call only adds what has been added to them. For the work: parent [n], stamp, depth, active and orphans [n]. */
+/* Finds the minimum cut between outside and inside, and which tetrahedra [n] are inside: those from where more could
+   flow inside; the flow that is added goes to flow [1]. neighbour [n][4], -1 for none. residual [n][4]: what may flow
+   to each neighbour, and excess [n]: what may come from outside (negative: go inside); both are left with what is over,
+   so that a second call only adds what has been added to them. For the work: parent [n], stamp, depth, active and
+   orphans [n]. */
 MGF_API void mgf_cut_tetrahedra(int64_t n, const int32_t *neighbour, double *residual, double *excess, uint8_t *inside,
                                 double *flow, int8_t *parent, int32_t *stamp, int32_t *depth, int32_t *active,
                                 int32_t *orphans) {
-    Graph g = {neighbour, residual, excess, parent, inside, stamp, depth, 0, {active, NONE, NONE}, {orphans, NONE, NONE}, 0};
+    Graph g = {
+        neighbour, residual, excess, parent, inside, stamp, depth, 0, {active, NONE, NONE}, {orphans, NONE, NONE}, 0};
     plant(&g, n);
     int32_t i = NONE;
     for (;;) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Vertices of one cell that are joined by edges and lie in one plane: which they are, and where the one lies that stands
-// for all of them (vertex clustering after Rossignac and Borrel 1993, told by topology and flatness instead of place alone).
+// Vertices of one cell that are joined by edges and lie in one plane: which they are, and where the one lies that
+// stands for all of them (vertex clustering after Rossignac and Borrel 1993, told by topology and flatness instead of
+// place alone).
 //
 // A group may become one vertex only where it is a disc: vertices - edges + faces == 1. Rings around thin bars, bubbles
 // and handles are none, so nothing closes, and no bar is lost.
@@ -13,7 +14,7 @@
 typedef struct {
     int32_t vertices, half_edges, faces;  // those that lie in the group with all their vertices
     int32_t first, fold;                  // its first vertex; whether a face would turn over
-    double even;                          // sum of the areas of the faces around; then length of their mean normal, 0..1
+    double even;  // sum of the areas of the faces around; then length of their mean normal, 0..1
     double off, tolerance;                // mean square distance from the plane, root of the largest one allowed
     Point normal, middle;                 // of the plane; sums first
 } Group;
@@ -103,10 +104,10 @@ static void find_folds(const Groups *g, float even) {
     }
 }
 
-/* The vertex that stands for each of `vertices`: into [vertices], and where it lies, at [vertices][3] in place; vertices
-   that stand for themselves keep their place. Returns 0, or -1 without memory.
-   cell: [vertices]; tolerance: root mean square distance from the plane [vertices]; even: least length of the mean of the
-   normals of a group's faces. */
+/* The vertex that stands for each of `vertices`: into [vertices], and where it lies, at [vertices][3] in place;
+   vertices that stand for themselves keep their place. Returns 0, or -1 without memory.
+   cell: [vertices]; tolerance: root mean square distance from the plane [vertices]; even: least length of the mean of
+   the normals of a group's faces. */
 MGF_API int64_t mgf_merge_flat(int64_t vertices, int64_t count, Point *at, const int32_t *faces, const int32_t *cell,
                                const float *tolerance, float even, int32_t *into) {
     for (int64_t v = 0; v < vertices; v++) into[v] = (int32_t)v;

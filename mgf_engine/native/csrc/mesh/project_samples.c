@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Where the samples of a surface fall in a view, and how far away it is seen first: the masks ask that of every photo in
-// every round, for hundreds of thousands of samples.
+// Where the samples of a surface fall in a view, and how far away it is seen first: the masks ask that of every photo
+// in every round, for hundreds of thousands of samples.
 #include "common/export.h"
 
 enum { BLOCK = 512 };  // samples projected together
@@ -53,8 +53,9 @@ static int64_t project_block(const Projection *p, int64_t first, Seen *seen) {
     return found;
 }
 
-/* The samples [3][count] that a view sees by its matrix [3][4], in their order: their pixels y * width + x, depths, and radii, which are `unit` times the
-   spacing [count] over the depth; [count] each, of which the first so many as are returned. */
+/* The samples [3][count] that a view sees by its matrix [3][4], in their order: their pixels y * width + x, depths, and
+   radii, which are `unit` times the spacing [count] over the depth; [count] each, of which the first so many as are
+   returned. */
 MGF_API int64_t mgf_project_samples(int64_t count, const float *samples, const float *spacing, const float *matrix,
                                     int64_t height, int64_t width, float unit, int32_t *places, float *depths,
                                     float *radii) {
@@ -75,7 +76,8 @@ MGF_API int64_t mgf_project_samples(int64_t count, const float *samples, const f
 /* The least depth of the samples in each pixel of a view, by how large they look.
 
    Where a sample's depth is below so many of the limits [levels - 1], it goes into the map of that number, of nearest
-   [levels][height][width], given as infinity. samples [3][count]; matrix [3][4]. Returns the maps used, a bit for each. */
+   [levels][height][width], given as infinity. samples [3][count]; matrix [3][4]. Returns the maps used, a bit for each.
+   */
 MGF_API int64_t mgf_nearest_samples(int64_t count, const float *samples, const float *matrix, int64_t height,
                                     int64_t width, int64_t levels, const float *limits, float *nearest) {
     const Projection p = {count, height, width, samples, matrix};

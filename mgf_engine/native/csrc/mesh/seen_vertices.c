@@ -8,11 +8,11 @@ typedef struct {
     double focal, least;  // pixels; least cosine between normal and direction to the camera
 } Camera;
 
-/* index [n], weight [n] are filled with the vertices that a photo [height][width] shows and their weights: the square of
-   the cosine of the angle at which each is seen, over that of the size of a pixel there. Returns how many there are.
-   corners [n][3]: (u, v, 1 / depth), 1 / depth <= 0 for what is not in front; points, normals [n][3]; farthest: depth of
-   the surface there, times `slack` that beyond which a vertex is hidden; inside: pixels that count. Those on the outermost
-   pixels are left out. */
+/* index [n], weight [n] are filled with the vertices that a photo [height][width] shows and their weights: the square
+   of the cosine of the angle at which each is seen, over that of the size of a pixel there. Returns how many there are.
+   corners [n][3]: (u, v, 1 / depth), 1 / depth <= 0 for what is not in front; points, normals [n][3]; farthest: depth
+   of the surface there, times `slack` that beyond which a vertex is hidden; inside: pixels that count. Those on the
+   outermost pixels are left out. */
 MGF_API int64_t mgf_seen_vertices(int64_t n, const double *corners, const Point *points, const Point *normals,
                                   const Camera *camera, const float *farthest, const uint8_t *inside, int64_t height,
                                   int64_t width, float slack, int64_t *index, float *weight) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Points moved onto planes through their neighbours: robust moving least squares (after Fleishman et al. 2005), and normals.
+// Points moved onto planes through their neighbours: robust moving least squares (after Fleishman et al. 2005), and
+// normals.
 #include <math.h>
 
 #include "common/export.h"
@@ -47,7 +48,8 @@ static void normal_of(const double *points, const int64_t *rows, int64_t count, 
     least_direction(spread, normal);
 }
 
-// How far along the normal the neighbours lie from p: Gaussian weights of distance, then of distance from that plane, too.
+// How far along the normal the neighbours lie from p: Gaussian weights of distance, then of distance from that plane,
+// too.
 static double offset_of(const double *points, const int64_t *rows, int64_t count, const double *p, const double *normal,
                         double radius, double range) {
     double offset = 0;

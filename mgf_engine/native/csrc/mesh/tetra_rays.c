@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Rays through tetrahedra, and points beside masks: the evidence of a visibility-weighted surface (Labatut et al. 2007).
+// Rays through tetrahedra, and points beside masks: the evidence of a visibility-weighted surface (Labatut et al.
+// 2007).
 //
-// Sums are whole numbers (1 is 1024) that threads add to at once: their order does not matter, results repeat themselves.
+// Sums are whole numbers (1 is 1024) that threads add to at once: their order does not matter, results repeat
+// themselves.
 #include <math.h>
 
 #include "common/export.h"
 
 enum { ONE = 1024, PIECE = 256, MOST_CELLS = 3000 };
 
-// Tetrahedra [n] of positive volume: corners and neighbours (opposite of each corner, -1 at the rim). Planes of faces are
-// worked out where a ray comes by: a table of them would take four times the memory of all that is here.
+// Tetrahedra [n] of positive volume: corners and neighbours (opposite of each corner, -1 at the rim). Planes of faces
+// are worked out where a ray comes by: a table of them would take four times the memory of all that is here.
 typedef struct {
     const int32_t *corner, *neighbour;  // [n][4]
     const double *points;               // [m][3]
@@ -20,7 +22,8 @@ typedef struct {
 
 typedef double d4 __attribute__((vector_size(32)));
 
-// Of the four faces of a tetrahedron, each opposite of a corner: outward normals as long as twice the areas, and a corner.
+// Of the four faces of a tetrahedron, each opposite of a corner: outward normals as long as twice the areas, and a
+// corner.
 typedef struct {
     d4 normal[3], corner[3];
 } Faces;
@@ -30,8 +33,8 @@ static Faces faces_of(const Tetrahedra *t, int32_t c) {
     Faces f;
     d4 u[3], w[3];
     for (int k = 0; k < 3; k++) {
-        const d4 x = {t->points[3 * (int64_t)v[0] + k], t->points[3 * (int64_t)v[1] + k], t->points[3 * (int64_t)v[2] + k],
-                      t->points[3 * (int64_t)v[3] + k]};
+        const d4 x = {t->points[3 * (int64_t)v[0] + k], t->points[3 * (int64_t)v[1] + k],
+                      t->points[3 * (int64_t)v[2] + k], t->points[3 * (int64_t)v[3] + k]};
         f.corner[k] = __builtin_shufflevector(x, x, 1, 0, 0, 0);
         u[k] = __builtin_shufflevector(x, x, 2, 3, 1, 2) - f.corner[k];
         w[k] = __builtin_shufflevector(x, x, 3, 2, 3, 1) - f.corner[k];
@@ -40,11 +43,15 @@ static Faces faces_of(const Tetrahedra *t, int32_t c) {
     return f;
 }
 
-static d4 slopes(const Faces *f, const double *d) { return f->normal[0] * d[0] + f->normal[1] * d[1] + f->normal[2] * d[2]; }
+static d4 slopes(const Faces *f, const double *d) {
+    return f->normal[0] * d[0] + f->normal[1] * d[1] + f->normal[2] * d[2];
+}
 
-// Products of the normals with what leads from the faces to a point: how far it lies before them, times twice the areas.
+// Products of the normals with what leads from the faces to a point: how far it lies before them, times twice the
+// areas.
 static d4 before(const Faces *f, const double *p) {
-    return f->normal[0] * (p[0] - f->corner[0]) + f->normal[1] * (p[1] - f->corner[1]) + f->normal[2] * (p[2] - f->corner[2]);
+    return f->normal[0] * (p[0] - f->corner[0]) + f->normal[1] * (p[1] - f->corner[1]) +
+           f->normal[2] * (p[2] - f->corner[2]);
 }
 
 static d4 squared_lengths(const Faces *f) {
@@ -119,7 +126,8 @@ MGF_API void mgf_tetra_rays(int32_t *next, int64_t n, const Tetrahedra *t, const
                     add(free + c, weight[r]);
                     break;
                 }
-                const double off = far * far / (2 * soft * soft), share = off < 38 ? 1 - exp(-off) : 1;  // the same number
+                const double off = far * far / (2 * soft * soft),
+                             share = off < 38 ? 1 - exp(-off) : 1;  // the same number
                 for (int q = 0; q < 4; q++)
                     if (t->neighbour[4 * (int64_t)m + q] == c) add(face + 4 * (int64_t)m + q, weight[r] * share);
                 c = m;
@@ -154,8 +162,8 @@ static int32_t locate(const Tetrahedra *t, int32_t c, const double *p) {
     return -1;
 }
 
-/* Pulls what lies along rays [n] (start, direction [n][3]) and is not `shut` [cells] inside: `weight`, shared by length. A
-   ray that runs through more than `length` of it hardly says which part is inside, and counts less. */
+/* Pulls what lies along rays [n] (start, direction [n][3]) and is not `shut` [cells] inside: `weight`, shared by
+   length. A ray that runs through more than `length` of it hardly says which part is inside, and counts less. */
 MGF_API void mgf_tetra_pull(int32_t *next, int64_t n, const Tetrahedra *t, const double *start, const double *direction,
                             const uint8_t *shut, float weight, float length, int32_t *solid) {
     for (int64_t piece = take_work(next); piece * PIECE < n; piece = take_work(next)) {
@@ -188,9 +196,9 @@ MGF_API void mgf_tetra_pull(int32_t *next, int64_t n, const Tetrahedra *t, const
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-/* result [n]: whether views call points [n][3] outside: at least `least` of them, and at least `share` of those that have
-   the point in their frame. distance [views][height][width]: how far pixels lie outside of the mask, in eighths of a
-   pixel, 255 for more; beyond `margin` px is outside. size [views][2]: width and height of each frame. */
+/* result [n]: whether views call points [n][3] outside: at least `least` of them, and at least `share` of those that
+   have the point in their frame. distance [views][height][width]: how far pixels lie outside of the mask, in eighths of
+   a pixel, 255 for more; beyond `margin` px is outside. size [views][2]: width and height of each frame. */
 MGF_API void mgf_find_outside(int32_t *next, int64_t n, const double *points, const double *projection, int64_t views,
                               const uint8_t *distance, int64_t height, int64_t width, const int32_t *size, float margin,
                               int64_t least, float share, uint8_t *result) {

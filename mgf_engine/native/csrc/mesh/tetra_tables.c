@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// What a walk through tetrahedra needs beside their corners: those around each point, and the neighbours. Both are written
-// in their place: tetrahedra are many, and sorting their faces would take several times their memory.
+// What a walk through tetrahedra needs beside their corners: those around each point, and the neighbours. Both are
+// written in their place: tetrahedra are many, and sorting their faces would take several times their memory.
 #include "common/export.h"
 
 enum { PIECE = 4096 };
@@ -30,7 +30,8 @@ MGF_API void mgf_tetra_neighbours(int32_t *next, int64_t n, const int32_t *corne
                 // Of its corners the one with the fewest tetrahedra around: all have the one beyond among them.
                 int least = 0;
                 for (int q = 1; q < 3; q++)
-                    if (around[face[q] + 1] - around[face[q]] < around[face[least] + 1] - around[face[least]]) least = q;
+                    if (around[face[q] + 1] - around[face[q]] < around[face[least] + 1] - around[face[least]])
+                        least = q;
                 const int32_t one = face[(least + 1) % 3], two = face[(least + 2) % 3];
                 for (int64_t r = around[face[least]]; r < around[face[least] + 1] && beyond < 0; r++) {
                     const int32_t *other = corner + 4 * (int64_t)list[r];

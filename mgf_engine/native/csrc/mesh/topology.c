@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Which faces of a triangle mesh hang together, asked vertex by vertex.
 //
-// A *corner* is 3 * face + place. The corners around vertex v are corner[start[v]] to corner[start[v + 1] - 1]; the edge
-// of a corner leads to the next vertex of its face. All faces along an edge are found around either of its ends, and
-// around a vertex there are few: so nothing needs sorting, and every vertex can be asked by another thread.
+// A *corner* is 3 * face + place. The corners around vertex v are corner[start[v]] to corner[start[v + 1] - 1]; the
+// edge of a corner leads to the next vertex of its face. All faces along an edge are found around either of its ends,
+// and around a vertex there are few: so nothing needs sorting, and every vertex can be asked by another thread.
 #include "common/export.h"
 #include "mesh/union_find.h"
 
@@ -35,7 +35,8 @@ static inline int uses(const Around *a, int64_t v, int32_t w) {
 }
 
 /* Lists the corners around each vertex: start [vertices + 1], corner [3 * count], ascending around each. */
-MGF_API void mgf_corners_around(int64_t vertices, int64_t count, const int32_t *faces, int32_t *start, int32_t *corner) {
+MGF_API void mgf_corners_around(int64_t vertices, int64_t count, const int32_t *faces, int32_t *start,
+                                int32_t *corner) {
     for (int64_t v = 0; v <= vertices; v++) start[v] = 0;
     for (int64_t c = 0; c < 3 * count; c++) start[faces[c]]++;
     int32_t sum = 0;
@@ -163,7 +164,8 @@ MGF_API void mgf_vertex_normals(int32_t *next, int64_t vertices, const int32_t *
             for (int32_t i = start[v]; i < start[v + 1]; i++) {
                 const int32_t *f = faces + corner[i] / 3 * (int64_t)3;
                 const double *p = at + 3 * (int64_t)f[0], *q = at + 3 * (int64_t)f[1], *r = at + 3 * (int64_t)f[2];
-                const double a[3] = {q[0] - p[0], q[1] - p[1], q[2] - p[2]}, b[3] = {r[0] - p[0], r[1] - p[1], r[2] - p[2]};
+                const double a[3] = {q[0] - p[0], q[1] - p[1], q[2] - p[2]},
+                             b[3] = {r[0] - p[0], r[1] - p[1], r[2] - p[2]};
                 for (int k = 0; k < 3; k++) sum[k] += a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
             }
             for (int k = 0; k < 3; k++) normal[3 * v + k] = sum[k];

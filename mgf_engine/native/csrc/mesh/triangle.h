@@ -37,7 +37,8 @@ static inline Foot on_triangle_within(Point p, const Point v[3], double limit) {
     const double ee = dot(e, e), ef = dot(e, f), ff = dot(f, f), re = dot(r, e), rf = dot(r, f);
     const double area = ee * ff - ef * ef;
     // Beyond an edge it is at least as far as the line through that; all with room for what rounding does.
-    const double of_b = ff * re - ef * rf, of_c = ee * rf - ef * re, of_a = area - of_b - of_c;  // shares times the area
+    const double of_b = ff * re - ef * rf, of_c = ee * rf - ef * re,
+                 of_a = area - of_b - of_c;  // shares times the area
     const double far = (limit + 1e-14 * (ee + ff)) * 1.01 * area;
     const int beyond = ((of_b < 0) & (of_b * of_b > far * ff)) | ((of_c < 0) & (of_c * of_c > far * ee)) |
                        ((of_a < 0) & (of_a * of_a > far * (ee - 2 * ef + ff)));

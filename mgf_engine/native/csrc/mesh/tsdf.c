@@ -2,8 +2,9 @@
 // Signed distance of points to the surfaces that depth maps show, averaged over views (after Curless and Levoy 1996).
 //
 // A view with depth D at the pixel of a point at depth z says it lies s = (D - z) slope in front of the surface, where
-// slope turns depth into distance along the surface's normal. Beyond `band` in front the point is free: s counts as band.
-// Beyond `band` behind it the view cannot know, and only remembers that the point is covered, and whether closely.
+// slope turns depth into distance along the surface's normal. Beyond `band` in front the point is free: s counts as
+// band. Beyond `band` behind it the view cannot know, and only remembers that the point is covered, and whether
+// closely.
 #include "common/export.h"
 #include "mesh/view.h"
 
@@ -19,8 +20,8 @@ typedef struct {
 typedef struct {
     float weight, sum;                     // of the distances s / band, -1..1
     float correlation;                     // of the photos of the `near` views at the surface, added up
-    // Number of views that hide it behind a surface, show background there, show the building there, show a surface within
-    // half a band, say how far off the surface is, hide it closely behind one.
+    // Number of views that hide it behind a surface, show background there, show the building there, show a surface
+    // within half a band, say how far off the surface is, hide it closely behind one.
     int32_t covered, outside, seen, near, judging, behind;
 } TsdfSample;
 

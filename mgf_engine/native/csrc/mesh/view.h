@@ -12,8 +12,8 @@ static inline void to_camera(const double *pose, double x, double y, double z, d
 
 // Is a point in camera coordinates c deeper than `near` and in the frame? Then it appears at (*u, *v), in pixels.
 // intrinsics: fx, fy, cx, cy.
-static inline int in_frame(const double c[3], const double *intrinsics, float near, int64_t height, int64_t width, double *u,
-                           double *v) {
+static inline int in_frame(const double c[3], const double *intrinsics, float near, int64_t height, int64_t width,
+                           double *u, double *v) {
     if (!(c[2] > near)) return 0;
     *u = c[0] / c[2] * intrinsics[0] + intrinsics[2], *v = c[1] / c[2] * intrinsics[1] + intrinsics[3];
     return *u >= 0 && *v >= 0 && *u < width && *v < height;

@@ -36,7 +36,8 @@ static inline int box_of(Corner a, Corner b, Corner c, int64_t top, int64_t bott
     return seen & near & (box->y0 <= box->y1) & (box->x0 <= box->x1);
 }
 
-static void draw(Corner a, Corner b, Corner c, int32_t id, const Box *box, int64_t width, float *inverse, int32_t *face) {
+static void draw(Corner a, Corner b, Corner c, int32_t id, const Box *box, int64_t width, float *inverse,
+                 int32_t *face) {
     const double area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
     if (!(area > 1e-12 || area < -1e-12)) return;
     const double k = 1.0 / area;

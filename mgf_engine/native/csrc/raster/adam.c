@@ -26,11 +26,12 @@ static inline void update(const Adam *s, int64_t first, int64_t count, float rat
     }
 }
 
-// parameter, gradient, moments [rows, width]; visible [rows] or null (all rows); rates [width] or null (`rate` for all);
-// only the first `active` columns are touched.
-MGF_API void mgf_adam(int32_t *next, int64_t rows, int64_t width, int64_t active, float *parameter, const float *gradient,
-                      float *first_moment, float *second_moment, const uint8_t *visible, float rate, const float *rates,
-                      float beta1, float beta2, float eps, float inv_bias1, float inv_bias2) {
+// parameter, gradient, moments [rows, width]; visible [rows] or null (all rows); rates [width] or null (`rate` for
+// all); only the first `active` columns are touched.
+MGF_API void mgf_adam(int32_t *next, int64_t rows, int64_t width, int64_t active, float *parameter,
+                      const float *gradient, float *first_moment, float *second_moment, const uint8_t *visible,
+                      float rate, const float *rates, float beta1, float beta2, float eps, float inv_bias1,
+                      float inv_bias2) {
     const Adam s = {parameter, gradient, first_moment, second_moment, beta1, beta2, eps, inv_bias1, inv_bias2};
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < rows ? start + PIECE : rows;

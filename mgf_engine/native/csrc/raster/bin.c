@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // From projected Gaussians to one list per tile, front to back.
 //
-// The Gaussians are sorted by the depth of their centres once (radix sort); walking through them in that order and appending
-// each to the lists of the tiles it touches leaves every list sorted. To do so on several threads, the order is cut into
-// chunks; a first pass counts how many entries each chunk adds to each tile, so that a second pass knows where to write.
+// The Gaussians are sorted by the depth of their centres once (radix sort); walking through them in that order and
+// appending each to the lists of the tiles it touches leaves every list sorted. To do so on several threads, the order
+// is cut into chunks; a first pass counts how many entries each chunk adds to each tile, so that a second pass knows
+// where to write.
 //
 // Every entry of a list also has a *slot*: its place in an order by Gaussian, where the backward pass leaves gradients.
 // All results are independent of the number of threads.
@@ -14,8 +15,8 @@
 
 enum { RADIX_BITS = 11, RADIX = 1 << RADIX_BITS };
 
-// Indices of the Gaussians with tiles, by depth (equal depths: by index), into order [n]; slot_starts [n + 1] is the running
-// sum of tile_counts. scratch: uint32 [3 * n]. Returns the number of Gaussians in order.
+// Indices of the Gaussians with tiles, by depth (equal depths: by index), into order [n]; slot_starts [n + 1] is the
+// running sum of tile_counts. scratch: uint32 [3 * n]. Returns the number of Gaussians in order.
 MGF_API int64_t mgf_sort(int64_t n, const uint32_t *depth_keys, const int32_t *tile_counts, int32_t *order,
                          int64_t *slot_starts, uint32_t *scratch) {
     uint32_t *keys = scratch, *other_keys = scratch + n;
@@ -62,8 +63,9 @@ static inline const Footprint *footprint_at(const Footprint *footprints, const i
 }
 
 // counts [chunks, tiles]: how many entries each chunk of the order adds to each tile.
-MGF_API void mgf_bin_count(int32_t *next, int64_t chunks, int64_t count, const int32_t *order, const Footprint *footprints,
-                           const uint8_t *mask, int64_t tiles_x, int64_t tiles_y, int32_t *counts) {
+MGF_API void mgf_bin_count(int32_t *next, int64_t chunks, int64_t count, const int32_t *order,
+                           const Footprint *footprints, const uint8_t *mask, int64_t tiles_x, int64_t tiles_y,
+                           int32_t *counts) {
     for (int64_t chunk; (chunk = take_work(next)) < chunks;) {
         int32_t *own = counts + chunk * tiles_x * tiles_y;
         memset(own, 0, (size_t)(tiles_x * tiles_y) * sizeof *own);
@@ -94,9 +96,9 @@ MGF_API void mgf_bin_ranges(int64_t chunks, int64_t tiles, int32_t *counts, int3
 }
 
 // The lists: gid (Gaussian) and slot of every entry.
-MGF_API void mgf_bin_fill(int32_t *next, int64_t chunks, int64_t count, const int32_t *order, const Footprint *footprints,
-                          const uint8_t *mask, int64_t tiles_x, int64_t tiles_y, int32_t *places, const int64_t *slot_starts,
-                          int32_t *gid, int32_t *slots) {
+MGF_API void mgf_bin_fill(int32_t *next, int64_t chunks, int64_t count, const int32_t *order,
+                          const Footprint *footprints, const uint8_t *mask, int64_t tiles_x, int64_t tiles_y,
+                          int32_t *places, const int64_t *slot_starts, int32_t *gid, int32_t *slots) {
     for (int64_t chunk; (chunk = take_work(next)) < chunks;) {
         int32_t *own = places + chunk * tiles_x * tiles_y;
         const int64_t end = part(count, chunks, chunk + 1);

@@ -5,14 +5,17 @@
 //     colour = sum w c,  alpha = 1 - T,  depth = sum w t*,  normal = sum w n,
 //     median = the t* at which T passes 1/2 (0 when it never does),
 //     distortion = sum over pairs i < j of w_i w_j (m_i - m_j)^2,  m = far / (far - near) (1 - near / t*).
-// With M1 = sum w m and M2 = sum w m^2 over the Gaussians before i (their weights sum to 1 - T), the pairs that end at i add
+// With M1 = sum w m and M2 = sum w m^2 over the Gaussians before i (their weights sum to 1 - T), the pairs that end at
+// i add
 //     w_i (m_i^2 (1 - T) - 2 m_i M1 + M2).
-// Only differences of m matter, so each pixel's m is taken relative to that of the first Gaussian it takes (shifted_depth).
+// Only differences of m matter, so each pixel's m is taken relative to that of the first Gaussian it takes
+// (shifted_depth).
 #include "raster/blend.h"
 #include "common/export.h"
 
-// What a block has gathered, a vector per output plane (planes.h); transmittance instead of alpha until the tile is done. Blocks one
-// after the other: planes one after the other would lie 4 kB apart, where processors mix up what was just stored.
+// What a block has gathered, a vector per output plane (planes.h); transmittance instead of alpha until the tile is
+// done. Blocks one after the other: planes one after the other would lie 4 kB apart, where processors mix up what was
+// just stored.
 typedef struct {
     v16 of[OUT_PLANES], first;
 } Block;
@@ -20,7 +23,8 @@ typedef struct {
 enum { HIT = 1, FULL = 2 };
 
 // Adds one Gaussian to one block: 0 when no pixel took it, else HIT, and FULL with it when no pixel takes more.
-INLINE int blend_block(Block *s, const float *g, v16 dx, v16 dy, const Camera *camera, float map_scale, const int level) {
+INLINE int blend_block(Block *s, const float *g, v16 dx, v16 dy, const Camera *camera, float map_scale,
+                       const int level) {
     const Response r = respond(g, dx, dy);
     const v16 before = s->of[OUT_ALPHA];
     const v16 t_star = response_depth(g, dx, dy, r.inv_a);
@@ -52,8 +56,9 @@ INLINE void store_plane(const Block *blocks, int of, float *plane, int64_t strid
                    4 * sizeof(float));
 }
 
-INLINE void blend_tile(int64_t tile, const Camera *camera, const float *records, const int32_t *gid, const int32_t *slots,
-                       const int32_t *ranges, int64_t tiles_x, float *image, int64_t plane, uint16_t *hits, const int level) {
+INLINE void blend_tile(int64_t tile, const Camera *camera, const float *records, const int32_t *gid,
+                       const int32_t *slots, const int32_t *ranges, int64_t tiles_x, float *image, int64_t plane,
+                       uint16_t *hits, const int level) {
     const float ox = (float)(tile % tiles_x) * TILE, oy = (float)(tile / tiles_x) * TILE;
     const float map_scale = camera->far * camera->near / (camera->far - camera->near);
     Block blocks[BLOCKS];
@@ -66,7 +71,8 @@ INLINE void blend_tile(int64_t tile, const Camera *camera, const float *records,
     }
     int32_t k = ranges[tile];
     const int32_t end = ranges[tile + 1];
-    uint32_t coming = k < end ? blocks_of(records + (int64_t)gid[k] * REC_SIZE, ox, oy) : 0;  // the next Gaussian's, ahead of time
+    uint32_t coming =
+        k < end ? blocks_of(records + (int64_t)gid[k] * REC_SIZE, ox, oy) : 0;  // the next Gaussian's, ahead of time
     for (; k < end && live; k++) {
         const float *g = records + (int64_t)gid[k] * REC_SIZE;
         prefetch_record(records, gid, k, end);

@@ -19,8 +19,9 @@ static const v16 ROW_Y[4] = {PIXELS_Y(0), PIXELS_Y(4), PIXELS_Y(8), PIXELS_Y(12)
 
 #define INLINE static inline __attribute__((always_inline))
 
-// Has what a pointer points to read again from here on. A loop over the blocks would else keep two dozen copies of a record's floats,
-// spread out to vectors, for which there are no registers; instructions take a float of memory for all lanes at no cost.
+// Has what a pointer points to read again from here on. A loop over the blocks would else keep two dozen copies of a
+// record's floats, spread out to vectors, for which there are no registers; instructions take a float of memory for all
+// lanes at no cost.
 #define READ_ANEW(pointer) __asm__("" : "+r"(pointer))
 
 // The response of one Gaussian in the sixteen pixels of a block (records.h).
@@ -32,7 +33,8 @@ typedef struct {
 INLINE Response respond(const float *g, v16 dx, v16 dy) {
     Response r;
     r.q = (g[REC_Q0] * dx + 2.0f * g[REC_Q1] * dy) * dx + g[REC_Q2] * dy * dy;
-    const v16 a = (g[REC_A3] * dx + (2.0f * g[REC_A4] * dy + g[REC_A1])) * dx + (1.0f + (g[REC_A2] + g[REC_A5] * dy) * dy);
+    const v16 a =
+        (g[REC_A3] * dx + (2.0f * g[REC_A4] * dy + g[REC_A1])) * dx + (1.0f + (g[REC_A2] + g[REC_A5] * dy) * dy);
     r.inv_a = reciprocal(vmax(a, splat(1e-12f)));
     r.power2 = vmin(splat(0.0f), (-0.5f * LOG2_E) * r.q * r.inv_a);
     return r;
@@ -43,9 +45,10 @@ INLINE v16 response_depth(const float *g, v16 dx, v16 dy, v16 inv_a) {
     return (g[REC_B1] * dx + (g[REC_B0] + g[REC_B2] * dy)) * inv_a;
 }
 
-// Mapped depth far / (far - near) (1 - near / t), less that of the first Gaussian that the pixel took (where *first, its 1 / t, is
-// set when nothing was taken before). Distortion only needs differences, and these are small against the mapped depth itself:
-// without the shift, surfaces closer than some 1e-2 of their depth would be lost in float32. scale = far near / (far - near).
+// Mapped depth far / (far - near) (1 - near / t), less that of the first Gaussian that the pixel took (where *first,
+// its 1 / t, is set when nothing was taken before). Distortion only needs differences, and these are small against the
+// mapped depth itself: without the shift, surfaces closer than some 1e-2 of their depth would be lost in float32. scale
+// = far near / (far - near).
 INLINE v16 shifted_depth(v16 inv_t, v16 before, v16 *first, float scale) {
     *first = choose(before >= 1.0f, inv_t, *first);
     return scale * (*first - inv_t);
@@ -76,8 +79,9 @@ INLINE v8 floor8(v8 x) {
 #endif
 }
 
-// Blocks of the tile at (ox, oy) that the footprint touches, one bit each, row by row. The footprint spans one interval of
-// columns in each of the four rows of blocks (footprint.h, tile_columns): lanes 0-3 find its right end, lanes 4-7 its left.
+// Blocks of the tile at (ox, oy) that the footprint touches, one bit each, row by row. The footprint spans one interval
+// of columns in each of the four rows of blocks (footprint.h, tile_columns): lanes 0-3 find its right end, lanes 4-7
+// its left.
 INLINE uint32_t blocks_of(const float *g, float ox, float oy) {
     const float y = 0.5f * (g[REC_Y0] + g[REC_Y1]) - oy, half_y = 0.5f * (g[REC_Y1] - g[REC_Y0]);
     const float x = 0.5f * (g[REC_X0] + g[REC_X1]) - ox;
@@ -88,11 +92,13 @@ INLINE uint32_t blocks_of(const float *g, float ox, float oy) {
     const v8 at = limit8(side * g[REC_Y_RIGHT], top, bottom);
     const v8 square = g[REC_WIDTH2] - g[REC_FALL] * at * at;
     const v8 reach = sqrt8(choose8(square > 0.0f, square, (v8){0})) + (0.02f + 1e-3f * __builtin_sqrtf(g[REC_WIDTH2]));
-    // right: last column = floor((end - 0.5) / 4); left: first column = ceil((end - 3.5) / 4) = floor((end - 0.5 + 0.25 - ..) / 4)
+    // right: last column = floor((end - 0.5) / 4); left: first column = ceil((end - 3.5) / 4) = floor((end - 0.5 + 0.25
+    // - ..) / 4)
     const v8 end = x + g[REC_SLOPE] * at + side * reach;
     v8 column = floor8(side * (0.25f * end - (v8){.125f, .125f, .125f, .125f, .875f, .875f, .875f, .875f}));
     column = limit8(side * column + (v8){1, 1, 1, 1, 0, 0, 0, 0}, (v8){0}, (v8){4, 4, 4, 4, 4, 4, 4, 4});
-    const i8 bits = (((i8){1, 1, 1, 1, 1, 1, 1, 1} << __builtin_convertvector(column, i8)) & inside) << (i8){0, 4, 8, 12, 0, 4, 8, 12};
+    const i8 bits = (((i8){1, 1, 1, 1, 1, 1, 1, 1} << __builtin_convertvector(column, i8)) & inside)
+                    << (i8){0, 4, 8, 12, 0, 4, 8, 12};
     return (uint32_t)((bits[0] - bits[4]) + (bits[1] - bits[5]) + (bits[2] - bits[6]) + (bits[3] - bits[7]));
 }
 

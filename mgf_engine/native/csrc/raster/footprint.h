@@ -2,7 +2,8 @@
 // The exact footprint of a Gaussian in the image and the tiles it touches.
 //
 // contribution >= 1/255 means q <= k A with k = 2 ln(255 opacity) (records.h): a conic
-//     a x^2 + 2 b x y + d y^2 + 2 e x + 2 f y <= k,   a = q0 - k a3, b = q1 - k a4, d = q2 - k a5, e = -k a1/2, f = -k a2/2
+//     a x^2 + 2 b x y + d y^2 + 2 e x + 2 f y <= k,
+//     a = q0 - k a3, b = q1 - k a4, d = q2 - k a5, e = -k a1/2, f = -k a2/2
 // around the projected centre. It is an ellipse when a > 0 and a d > b^2. Else the Gaussian reaches the plane of the
 // camera (or holds the camera): then it is listed in every tile, and the test per pixel decides, so nothing is lost.
 //
@@ -28,11 +29,12 @@ typedef struct {
 
 enum { SHAPE_SIZE = 8 };  // columns of a Footprint
 
-// The footprints of sixteen Gaussians, column by column as in Footprint, and the columns of their records that tell the extent;
-// k as above. In double: for Gaussians seen from the side a d and b^2 are nearly the same.
+// The footprints of sixteen Gaussians, column by column as in Footprint, and the columns of their records that tell the
+// extent; k as above. In double: for Gaussians seen from the side a d and b^2 are nearly the same.
 static inline void footprint_columns(v16 *rec, d16 k, const Camera *camera, v16 *shape) {
     const d16 a = widen(rec[REC_Q0]) - k * widen(rec[REC_A3]), b = widen(rec[REC_Q1]) - k * widen(rec[REC_A4]),
-              d = widen(rec[REC_Q2]) - k * widen(rec[REC_A5]), e = -0.5 * k * widen(rec[REC_A1]), f = -0.5 * k * widen(rec[REC_A2]);
+              d = widen(rec[REC_Q2]) - k * widen(rec[REC_A5]), e = -0.5 * k * widen(rec[REC_A1]),
+              f = -0.5 * k * widen(rec[REC_A2]);
     const d16 det = a * d - b * b, inv = 1.0 / det, inv_a = 1.0 / a;
     const d16 mx = (b * f - d * e) * inv, my = (b * e - a * f) * inv;
     const d16 v = (k - e * mx - f * my) * FOOTPRINT_GROWTH;
@@ -55,7 +57,7 @@ static inline void footprint_columns(v16 *rec, d16 k, const Camera *camera, v16 
     rec[REC_RADIUS] = choose(ellipse, vmin(vmax(hx, hy), splat(diagonal)), splat(diagonal));
 }
 
-static inline int clamp_int(float x, int low, int high) { return x < (float)low ? low : x > (float)high ? high : (int)x; }
+static inline int clamp_int(float x, int low, int high) { return x<(float)low ? low : x>(float) high ? high : (int)x; }
 
 // First and last of the tiles along one axis whose pixel centres come within low..high; empty when first > last.
 static inline void tile_interval(float low, float high, int tiles, int *first, int *last) {

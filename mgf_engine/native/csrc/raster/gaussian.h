@@ -56,9 +56,12 @@ static inline void load_rows(v16 *out, const float *rows, int width, int64_t fir
 // Columns of the rotation matrix of a unit quaternion (w, x, y, z): axes of the Gaussian, normalised frame.
 static inline void quaternion_axes(const v16 *q, v16 axis[3][3]) {
     const v16 w = q[0], x = q[1], y = q[2], z = q[3];
-    axis[0][0] = 1.0f - 2.0f * (y * y + z * z), axis[0][1] = 2.0f * (x * y + w * z), axis[0][2] = 2.0f * (x * z - w * y);
-    axis[1][0] = 2.0f * (x * y - w * z), axis[1][1] = 1.0f - 2.0f * (x * x + z * z), axis[1][2] = 2.0f * (y * z + w * x);
-    axis[2][0] = 2.0f * (x * z + w * y), axis[2][1] = 2.0f * (y * z - w * x), axis[2][2] = 1.0f - 2.0f * (x * x + y * y);
+    axis[0][0] = 1.0f - 2.0f * (y * y + z * z), axis[0][1] = 2.0f * (x * y + w * z),
+    axis[0][2] = 2.0f * (x * z - w * y);
+    axis[1][0] = 2.0f * (x * y - w * z), axis[1][1] = 1.0f - 2.0f * (x * x + z * z),
+    axis[1][2] = 2.0f * (y * z + w * x);
+    axis[2][0] = 2.0f * (x * z + w * y), axis[2][1] = 2.0f * (y * z - w * x),
+    axis[2][2] = 1.0f - 2.0f * (x * x + y * y);
 }
 
 static inline void normalise_quaternion(Lanes *s, const v16 *raw) {

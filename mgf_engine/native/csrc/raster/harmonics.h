@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Real spherical harmonics up to degree 3 (with the Condon-Shortley sign, as 3DGS files have them), sixteen directions at once.
+// Real spherical harmonics up to degree 3 (with the Condon-Shortley sign, as 3DGS files have them), sixteen directions
+// at once.
 #pragma once
 #include "common/vector.h"
 
@@ -44,9 +45,9 @@ static inline void sh_direction_gradient(int degree, v16 x, v16 y, v16 z, const 
     g[2] += -SH_C2 * (y * s[5] + x * s[7]) + 4.0f * SH_C2_0 * z * s[6];
     if (degree < 3) return;
     const v16 xx = x * x, yy = y * y, zz = z * z, xy = x * y, xz = x * z, yz = y * z;
-    g[0] += -6.0f * SH_C3_3 * xy * s[9] + SH_C3_2 * yz * s[10] + 2.0f * SH_C3_1 * xy * s[11] - 6.0f * SH_C3_0 * xz * s[12] -
-            SH_C3_1 * (4.0f * zz - 3.0f * xx - yy) * s[13] + 2.0f * SH_C3_2B * xz * s[14] -
-            3.0f * SH_C3_3 * (xx - yy) * s[15];
+    g[0] += -6.0f * SH_C3_3 * xy * s[9] + SH_C3_2 * yz * s[10] + 2.0f * SH_C3_1 * xy * s[11] -
+            6.0f * SH_C3_0 * xz * s[12] - SH_C3_1 * (4.0f * zz - 3.0f * xx - yy) * s[13] +
+            2.0f * SH_C3_2B * xz * s[14] - 3.0f * SH_C3_3 * (xx - yy) * s[15];
     g[1] += -3.0f * SH_C3_3 * (xx - yy) * s[9] + SH_C3_2 * xz * s[10] - SH_C3_1 * (4.0f * zz - xx - 3.0f * yy) * s[11] -
             6.0f * SH_C3_0 * yz * s[12] + 2.0f * SH_C3_1 * xy * s[13] - 2.0f * SH_C3_2B * yz * s[14] +
             6.0f * SH_C3_3 * xy * s[15];

@@ -8,11 +8,11 @@
 #include "raster/loss.h"
 
 /* One row of one channel: the render over the backdrop where there is a label, else the photo. */
-static void compose_row(const float *restrict colour, const float *restrict alpha, const uint8_t *restrict photo,
+static void compose_row(const float *restrict color, const float *restrict alpha, const uint8_t *restrict photo,
                         const uint8_t *restrict labels, float backdrop, int64_t n, float *restrict x,
                         float *restrict y) {
     for (int64_t i = 0; i < n; i++) {
-        float p = photo[i] * (1.0f / 255), c = colour[i] + (1.0f - alpha[i]) * backdrop;
+        float p = photo[i] * (1.0f / 255), c = color[i] + (1.0f - alpha[i]) * backdrop;
         x[i] = labels[i] ? c : p;
         y[i] = p;
     }
@@ -28,9 +28,9 @@ static void halve(const float *fine, const Level *from, float *coarse, const Lev
     }
 }
 
-/* Colour and photo of all levels. colour [3] planes and alpha: rows `row` floats apart, first pixel of the box; photo uint8
-   [3][h][w] and labels uint8 [h][w] of the box; backdrop: three floats. */
-MGF_API void mgf_loss_prepare(int32_t *next, const Level *levels, int64_t count, const float *colour, int64_t plane,
+/* Colour and photo of all levels. color [3] planes and alpha: rows `row` floats apart, first pixel of the box; photo
+   uint8 [3][h][w] and labels uint8 [h][w] of the box; backdrop: three floats. */
+MGF_API void mgf_loss_prepare(int32_t *next, const Level *levels, int64_t count, const float *color, int64_t plane,
                               int64_t row, const float *alpha, int64_t alpha_row, const uint8_t *photo,
                               const uint8_t *labels, const float *backdrop, float *scratch) {
     const int64_t h = levels->height, w = levels->width, tiles = levels->tiles_y * levels->tiles_x;
@@ -39,7 +39,7 @@ MGF_API void mgf_loss_prepare(int32_t *next, const Level *levels, int64_t count,
         for (int c = 0; c < 3; c++) {
             for (int64_t y = t.y0; y < t.y0 + t.height; y++) {
                 const int64_t at = y * w + t.x0, to = c * h * w + at;
-                compose_row(colour + c * plane + y * row + t.x0, alpha + y * alpha_row + t.x0, photo + to, labels + at,
+                compose_row(color + c * plane + y * row + t.x0, alpha + y * alpha_row + t.x0, photo + to, labels + at,
                             backdrop[c], t.width, scratch + levels->color + to, scratch + levels->photo + to);
             }
             for (int s = 1; s < count; s++) {
@@ -127,8 +127,9 @@ static double edge_sum(const float *restrict ssim, const uint8_t *restrict edges
     return sum_line(line, n);
 }
 
-/* Similarities of all tiles with a label, pooled: sums [tiles][2 * ids + 1], given as zeros, of ssim and of cs per label and of
-   ssim over labelled edges (level 0), each three times too large (channels are added up). labels, edges: uint8 [h][w]. */
+/* Similarities of all tiles with a label, pooled: sums [tiles][2 * ids + 1], given as zeros, of ssim and of cs per
+   label and of ssim over labelled edges (level 0), each three times too large (channels are added up). labels, edges:
+   uint8 [h][w]. */
 MGF_API void mgf_loss_forward(int32_t *next, const Level *levels, int64_t count, const uint8_t *flags,
                               const uint8_t *labels, const uint8_t *edges, int64_t ids, float *scratch, double *sums,
                               int32_t *failed) {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // What the kernels of the training loss (loss.c, loss_backward.c) share: tiles, levels of the pyramid, line helpers.
 //
-// The box of a target is cut into tiles of 32 x 256 pixels, and so is every coarser level of it. Images of a level lie in
-// one scratch array: colour (render over the backdrop, the photo outside the mask) and photo [3][h][w], saved
+// The box of a target is cut into tiles of 32 x 256 pixels, and so is every coarser level of it. Images of a level lie
+// in one scratch array: color (render over the backdrop, the photo outside the mask) and photo [3][h][w], saved
 // [3][h][4][w] (means of both, contrast-structure, 1 / spread), gradient [3][h][w] (levels > 0 only).
 // The label of a coarse pixel is the label of the top left one of the pixels it stands for.
 #pragma once
@@ -19,7 +19,8 @@
 
 enum { MEAN_X, MEAN_Y, STRUCTURE, SPREAD, SAVED }; /* planes of `saved` */
 
-/* Bits of a tile's flags: it holds a label; a pixel under it has a label; it holds a pixel of the background band (level 0). */
+/* Bits of a tile's flags: it holds a label; a pixel under it has a label; it holds a pixel of the background band
+   (level 0). */
 enum { HAS_LABEL = 1, COVERS_LABEL = 2, HAS_BAND = 4 };
 
 /* As packed by raster/loss.py: sizes, number of the level's first tile, offsets into the scratch array in floats. */

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Backward half of the training loss: gradients of the pooled similarities through windows and pyramid, and the terms of single
-// pixels (L1, background, distortion), value and gradient. See loss.h and loss.c.
+// Backward half of the training loss: gradients of the pooled similarities through windows and pyramid, and the terms
+// of single pixels (L1, background, distortion), value and gradient. See loss.h and loss.c.
 #include <stdlib.h>
 #include <string.h>
 
 #include "raster/loss.h"
 
-/* dL/dssim and dL/dcs of single pixels, already divided by the three channels: tables by label, plus what a labelled edge
-   adds to dL/dssim (level 0). */
+/* dL/dssim and dL/dcs of single pixels, already divided by the three channels: tables by label, plus what a labelled
+   edge adds to dL/dssim (level 0). */
 typedef struct {
     const float *ssim, *cs;
     float edge;
@@ -148,9 +148,10 @@ typedef struct {
     float backdrop[3], edge_slope, edge_l1, background, distortion, normals;
 } Factors;
 
-enum { G_COLOUR, G_ALPHA = 3, G_DISTORTION, G_DEPTH, G_NORMAL }; /* planes of the gradient */
+enum { G_COLOR, G_ALPHA = 3, G_DISTORTION, G_DEPTH, G_NORMAL }; /* planes of the gradient */
 
-/* Sum of distances and gradients of one row of one channel. similarity: dL/dx of the SSIM terms; ga: dL/dalpha so far. */
+/* Sum of distances and gradients of one row of one channel. similarity: dL/dx of the SSIM terms; ga: dL/dalpha so far.
+   */
 static void color_row(const float *restrict x, const float *restrict y, const float *restrict inside,
                       const float *restrict l1_weight, const float *restrict similarity, const float *restrict coarse,
                       float backdrop, int64_t n, float *restrict g, float *restrict ga, float *restrict distance) {

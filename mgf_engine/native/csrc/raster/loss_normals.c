@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// The normal term of the training loss: normals.h on the expected depth (rendered depth / alpha) of labelled pixels that are more
-// than half covered. Gradients go unscaled into the planes of the frame; mgf_loss_finish divides them by the weights' sum.
+// The normal term of the training loss: normals.h on the expected depth (rendered depth / alpha) of labelled pixels
+// that are more than half covered. Gradients go unscaled into the planes of the frame; mgf_loss_finish divides them by
+// the weights' sum.
 #include <stdlib.h>
 #include <string.h>
 
@@ -18,10 +19,10 @@ static void stage_row(const float *restrict depth, const float *restrict alpha, 
     }
 }
 
-/* depth, alpha and normal (planes image_plane apart) of the render at the box; labels uint8 [height][width]; strips: which
-   strips of 16 rows hold a label. sums [strips][2] given as zeros: loss and weight. g_depth, g_normal, g_alpha: planes of
-   the frame at the box, rows g_row and planes g_plane apart; strips without a label are not written.
-   Needs height >= 3 and width >= 3. */
+/* depth, alpha and normal (planes image_plane apart) of the render at the box; labels uint8 [height][width]; strips:
+   which strips of 16 rows hold a label. sums [strips][2] given as zeros: loss and weight. g_depth, g_normal, g_alpha:
+   planes of the frame at the box, rows g_row and planes g_plane apart; strips without a label are not written. Needs
+   height >= 3 and width >= 3. */
 MGF_API void mgf_loss_normals(int32_t *next, const float *depth, const float *normal, const float *alpha,
                               int64_t image_plane, int64_t image_row, const uint8_t *labels, const uint8_t *strips,
                               int64_t height, int64_t width, float fx, float fy, float cx, float cy, double *sums,

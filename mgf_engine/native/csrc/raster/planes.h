@@ -11,4 +11,4 @@ enum {
 };
 
 // Which outputs take part: colour and alpha; those and depth; everything.
-enum { LEVEL_COLOUR, LEVEL_DEPTH, LEVEL_ALL };
+enum { LEVEL_COLOR, LEVEL_DEPTH, LEVEL_ALL };

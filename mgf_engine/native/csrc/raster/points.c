@@ -2,7 +2,8 @@
 // Opacity of points in space as one camera sees them (eq. 23-24): how much of the light from a point is held back.
 //
 // On the way from the camera to a point at depth z a Gaussian has reached its value at min(z, t*); with the record of
-// the projection (records.h), the value at depth t on the ray is exp(power - |r|^2 (t - t*)^2 / 2), |r|^2 = REC_RAY2 * A.
+// the projection (records.h), the value at depth t on the ray is exp(power - |r|^2 (t - t*)^2 / 2), |r|^2 = REC_RAY2 *
+// A.
 //
 // Points are sorted into blocks of 4 x 4 pixels inside the tiles, and by depth inside a block: sixteen neighbours are
 // evaluated together, and Gaussians whose footprint or depth misses all sixteen are sorted out sixteen at a time.
@@ -18,8 +19,8 @@ enum { PIECE = 4096, SIDE = 4, BLOCKS = (TILE / SIDE) * (TILE / SIDE) };
 enum { BACKGROUND = 0, SEEN = 1, UNSEEN = 2 };
 
 /* Where points [n][3] fall: place [n][3] = (u, v, depth), verdict [n] BACKGROUND, SEEN or UNSEEN (out of frame, behind,
-   unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE or
-   unknown. pose, intrinsics: as in view.h. */
+   unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE
+   or unknown. pose, intrinsics: as in view.h. */
 MGF_API void mgf_locate_points(int32_t *next, int64_t n, const float *points, const double *pose,
                                const double *intrinsics, float near, const uint8_t *labels, int64_t height,
                                int64_t width, float *place, uint8_t *verdict, int32_t *block) {
@@ -38,7 +39,8 @@ MGF_API void mgf_locate_points(int32_t *next, int64_t n, const float *points, co
             verdict[i] = label == OUTSIDE ? BACKGROUND : label == INSIDE ? SEEN : UNSEEN;
             if (label != INSIDE) continue;
             place[3 * i] = (float)u, place[3 * i + 1] = (float)v, place[3 * i + 2] = (float)c[2];
-            const int64_t tile = y / TILE * tiles_x + x / TILE, inner = y % TILE / SIDE * (TILE / SIDE) + x % TILE / SIDE;
+            const int64_t tile = y / TILE * tiles_x + x / TILE,
+                          inner = y % TILE / SIDE * (TILE / SIDE) + x % TILE / SIDE;
             block[i] = (int32_t)(tile * BLOCKS + inner);
         }
     }
@@ -63,7 +65,8 @@ MGF_API void mgf_grow_footprints(int64_t n, const float *records, Footprint *foo
         Footprint *p = footprints + i;
         const float *r = records + i * REC_SIZE;
         if (p->whole || !(p->width2 > 0)) continue;
-        const float half_x = 0.5f * (r[REC_X1] - r[REC_X0]), long_axis = __builtin_sqrtf(half_x * half_x + p->half_y * p->half_y);
+        const float half_x = 0.5f * (r[REC_X1] - r[REC_X0]),
+                    long_axis = __builtin_sqrtf(half_x * half_x + p->half_y * p->half_y);
         const float short_axis = p->half_y * __builtin_sqrtf(p->width2) / long_axis; // not longer than the true one
         const float grow = 1.0f + 0.5f / (short_axis > 0.25f ? short_axis : 0.25f);
         p->width2 *= grow * grow, p->half_y *= grow, p->y_right *= grow;
@@ -146,7 +149,8 @@ static v16 group_transmittance(const Group *g, const List *list, const float *re
             const float *r = records + (int64_t)gid[first + __builtin_ctz(bits)] * REC_SIZE;
             const v16 dx = g->u - r[REC_CX], dy = g->v - r[REC_CY];
             const v16 q = (r[REC_Q0] * dx + 2.0f * r[REC_Q1] * dy) * dx + r[REC_Q2] * dy * dy;
-            const v16 A = (r[REC_A3] * dx + (2.0f * r[REC_A4] * dy + r[REC_A1])) * dx + (1.0f + (r[REC_A2] + r[REC_A5] * dy) * dy);
+            const v16 A = (r[REC_A3] * dx + (2.0f * r[REC_A4] * dy + r[REC_A1])) * dx +
+                          (1.0f + (r[REC_A2] + r[REC_A5] * dy) * dy);
             const v16 inv = reciprocal(A);
             v16 power = (-0.5f * LOG2_E) * q * inv;
             const v16 peak = (r[REC_B0] + r[REC_B1] * dx + r[REC_B2] * dy) * inv;
@@ -163,7 +167,8 @@ static v16 group_transmittance(const Group *g, const List *list, const float *re
     return T;
 }
 
-/* Sort part of the order by depth (equal depths: by index). Shell sort: parts are short, and long ones stay bearable. */
+/* Sort part of the order by depth (equal depths: by index). Shell sort: parts are short, and long ones stay bearable.
+   */
 static void sort_by_depth(int32_t *order, int64_t count, const float *place) {
     int64_t gap = 1;
     while (gap < count / 3) gap = 3 * gap + 1;

@@ -12,8 +12,8 @@
 enum { PIECE = 256 };  // Gaussians per piece of work
 
 // max(0, 1/2 + sum_b Y_b sh[b]); returns where it is finite.
-static inline i16 colours(const Lanes *s, const Parameters *in, const Camera *camera, int degree, int64_t first, int64_t n,
-                           v16 *rgb) {
+static inline i16 colors(const Lanes *s, const Parameters *in, const Camera *camera, int degree, int64_t first,
+                         int64_t n, v16 *rgb) {
     v16 dir[3], inv_distance, basis[16];
     view_direction(s, camera, dir, &inv_distance);
     sh_basis(degree, dir[0], dir[1], dir[2], basis);
@@ -26,12 +26,13 @@ static inline i16 colours(const Lanes *s, const Parameters *in, const Camera *ca
     return all - all == 0.0f;
 }
 
-// Fills records [n, 32], footprints [n] (8 words each), tile_counts [n] (0: not drawn) and depth_keys [n] (bits of the depth).
-// Records and footprints of Gaussians that are not drawn may hold anything.
-MGF_API void mgf_project(int32_t *next, int64_t n, const Camera *camera, const float *positions, const float *log_scales,
-                         const float *rotations, const float *opacity_logits, const float *sh, const float *filter_3d,
-                         int64_t degree, int64_t tiles_x, int64_t tiles_y, const int32_t *mask_sums, float *records,
-                         Footprint *footprints, int32_t *tile_counts, uint32_t *depth_keys) {
+// Fills records [n, 32], footprints [n] (8 words each), tile_counts [n] (0: not drawn) and depth_keys [n] (bits of the
+// depth). Records and footprints of Gaussians that are not drawn may hold anything.
+MGF_API void mgf_project(int32_t *next, int64_t n, const Camera *camera, const float *positions,
+                         const float *log_scales, const float *rotations, const float *opacity_logits, const float *sh,
+                         const float *filter_3d, int64_t degree, int64_t tiles_x, int64_t tiles_y,
+                         const int32_t *mask_sums, float *records, Footprint *footprints, int32_t *tile_counts,
+                         uint32_t *depth_keys) {
     const Parameters in = {positions, log_scales, rotations, opacity_logits, sh, filter_3d};
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
@@ -50,7 +51,7 @@ MGF_API void mgf_project(int32_t *next, int64_t n, const Camera *camera, const f
                 if (c < REC_R || c > REC_B) sum += rec[c];
             drawn &= (sum - sum == 0.0f);
             if (!any(drawn)) continue;
-            drawn &= colours(&s, &in, camera, (int)degree, first, n, rec + REC_R);
+            drawn &= colors(&s, &in, camera, (int)degree, first, n, rec + REC_R);
             d16 k;
             for (int l = 0; l < 16; l++) k[l] = drawn[l] ? 2.0 * __builtin_log(255.0 * rec[REC_OPACITY][l]) : 1.0;
             rec[REC_THRESHOLD] = narrow((-0.5 * 1.4426950408889634) * k), rec[REC_SIZE - 1] = splat(0.0f);

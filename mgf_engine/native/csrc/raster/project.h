@@ -13,7 +13,8 @@
 // No term divides by a scale and every sum but q1 and the mixed ones has terms of one sign: flat and thin Gaussians are
 // safe in float32. G and D appear as a quotient, so both are computed with scales relative to the largest one.
 //
-// Normal (facing the camera; for a flat Gaussian its short axis): n = -S^-1 d_c / |S^-1 d_c| = -N / |N|, N = sum g_k c_k V_k.
+// Normal (facing the camera; for a flat Gaussian its short axis): n = -S^-1 d_c / |S^-1 d_c| = -N / |N|, N = sum g_k
+// c_k V_k.
 #pragma once
 #include "raster/footprint.h"
 #include "raster/gaussian.h"
@@ -50,7 +51,8 @@ static inline void geometry_columns(const Lanes *s, const Camera *camera, v16 *r
     rec[REC_RAY2] = ray2;
 }
 
-// Number of listed tiles that a footprint touches. mask_sums [tiles_y, tiles_x + 1]: running count of listed tiles per row.
+// Number of listed tiles that a footprint touches. mask_sums [tiles_y, tiles_x + 1]: running count of listed tiles per
+// row.
 static inline int32_t count_tiles(const Footprint *p, const int32_t *mask_sums, int tiles_x, int tiles_y) {
     int32_t count = 0;
     int first_y, last_y, first, last;

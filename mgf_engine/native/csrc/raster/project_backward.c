@@ -21,8 +21,8 @@ typedef struct {
     int32_t *count;
 } Statistics;
 
-// sums[c] lane l: column c added over the slots of Gaussian first + l; zero for lanes that are not drawn. Columns from 16 on
-// only where there are any (blend_backward.c).
+// sums[c] lane l: column c added over the slots of Gaussian first + l; zero for lanes that are not drawn. Columns from
+// 16 on only where there are any (blend_backward.c).
 static inline void add_slots(v16 *sums, int64_t first, int lanes, const int64_t *slot_starts, const uint16_t *hits,
                              const float *slot_sums, int columns) {
     enum { LAST = SUM_SIZE - 16 };  // the last sixteen columns begin here
@@ -41,8 +41,9 @@ static inline void add_slots(v16 *sums, int64_t first, int lanes, const int64_t 
 }
 
 // Gradients of the harmonics' coefficients (into the result's rows) and of the position through the view direction.
-static inline void colour_gradients(const Lanes *s, const Parameters *in, const Camera *camera, const v16 *sum, const v16 *rec, int degree,
-                                    i16 drawn, int64_t first, int lanes, int64_t n, const ParameterGradients *out, v16 *position) {
+static inline void color_gradients(const Lanes *s, const Parameters *in, const Camera *camera, const v16 *sum,
+                                   const v16 *rec, int degree, i16 drawn, int64_t first, int lanes, int64_t n,
+                                   const ParameterGradients *out, v16 *position) {
     v16 dir[3], distance2 = splat(0.0f), basis[16], along_basis[16], g_dir[3], g[3];
     for (int i = 0; i < 3; i++) dir[i] = s->p[i] - camera->centre[i], distance2 += dir[i] * dir[i];
     const v16 inv_distance = 1.0f / vsqrt(vmax(distance2, splat(1e-20f)));
@@ -65,7 +66,8 @@ static inline void store_rows(float *rows, const v16 *columns, int width, int64_
         for (int c = 0; c < width; c++) rows[(first + l) * width + c] = ((const float *)(columns + c))[l];
 }
 
-static inline void add_statistics(const Statistics *out, const v16 *sum, const v16 *rec, v16 gradient, int64_t first, int lanes) {
+static inline void add_statistics(const Statistics *out, const v16 *sum, const v16 *rec, v16 gradient, int64_t first,
+                                  int lanes) {
     for (int l = 0; l < lanes; l++) {
         const float weight = ((const float *)(sum + SUM_WEIGHT))[l], radius = ((const float *)(rec + REC_RADIUS))[l];
         if (!(weight > 0.0f)) continue;
@@ -87,9 +89,9 @@ static inline void zero_rows(const ParameterGradients *out, int64_t first, int l
 }
 
 // All steps for Gaussians first..first + lanes - 1.
-static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camera *camera, const Parameters *in, int degree,
-                                const float *records, const int32_t *tile_counts, v16 *sum, const ParameterGradients *out,
-                                const Statistics *statistics) {
+static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camera *camera, const Parameters *in,
+                                int degree, const float *records, const int32_t *tile_counts, v16 *sum,
+                                const ParameterGradients *out, const Statistics *statistics) {
     v16 rec[REC_SIZE];
     i16 drawn = (i16){0};
     for (int l = 0; l < lanes; l++) drawn[l] = tile_counts[first + l] ? -1 : 0;
@@ -107,7 +109,7 @@ static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camer
     for (int i = 0; i < 3; i++) position[i] = r[i] * g.m[0] + r[3 + i] * g.m[1] + r[6 + i] * g.m[2];
     quaternion_gradient(&s, camera, g.axis, rotation);
     scale_gradients(&s, &g, log_scales, &logit);
-    colour_gradients(&s, in, camera, sum, rec, degree, drawn, first, lanes, n, out, position);
+    color_gradients(&s, in, camera, sum, rec, degree, drawn, first, lanes, n, out, position);
     const i16 kept = summed & sound(position, 3) & sound(log_scales, 3) & sound(rotation, 4) & sound(&logit, 1);
     for (int i = 0; i < 3; i++) position[i] = keep(kept, position[i]), log_scales[i] = keep(kept, log_scales[i]);
     for (int i = 0; i < 4; i++) rotation[i] = keep(kept, rotation[i]);
@@ -120,12 +122,13 @@ static void differentiate_lanes(int64_t first, int lanes, int64_t n, const Camer
 }
 
 // Writes every row of the five gradients (zero where a Gaussian is not drawn); the statistics are added to, or null.
-MGF_API void mgf_project_backward(int32_t *next, int64_t n, const Camera *camera, const float *positions, const float *log_scales,
-                                  const float *rotations, const float *opacity_logits, const float *sh, const float *filter_3d,
-                                  int64_t degree, const float *records, const int32_t *tile_counts, const int64_t *slot_starts,
-                                  const uint16_t *hits, const float *slot_sums, int64_t columns, float *g_positions,
-                                  float *g_log_scales, float *g_rotations, float *g_opacity_logits, float *g_sh, float *weight,
-                                  float *error, float *gradient, float *motion, float *max_radius, int32_t *count) {
+MGF_API void mgf_project_backward(int32_t *next, int64_t n, const Camera *camera, const float *positions,
+                                  const float *log_scales, const float *rotations, const float *opacity_logits,
+                                  const float *sh, const float *filter_3d, int64_t degree, const float *records,
+                                  const int32_t *tile_counts, const int64_t *slot_starts, const uint16_t *hits,
+                                  const float *slot_sums, int64_t columns, float *g_positions, float *g_log_scales,
+                                  float *g_rotations, float *g_opacity_logits, float *g_sh, float *weight, float *error,
+                                  float *gradient, float *motion, float *max_radius, int32_t *count) {
     const Parameters in = {positions, log_scales, rotations, opacity_logits, sh, filter_3d};
     const ParameterGradients out = {g_positions, g_log_scales, g_rotations, g_opacity_logits, g_sh};
     const Statistics statistics = {weight, error, gradient, motion, max_radius, count};
@@ -141,7 +144,8 @@ MGF_API void mgf_project_backward(int32_t *next, int64_t n, const Camera *camera
             fetch_rows(sh, SH_ROW, 3 * SH_COUNT(degree), first, n);
             v16 sum[SUM_SIZE];
             add_slots(sum, first, lanes, slot_starts, hits, slot_sums, (int)columns);
-            differentiate_lanes(first, lanes, n, camera, &in, (int)degree, records, tile_counts, sum, &out, &statistics);
+            differentiate_lanes(first, lanes, n, camera, &in, (int)degree, records, tile_counts, sum, &out,
+                                &statistics);
         }
     }
 }

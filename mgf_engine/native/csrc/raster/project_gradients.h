@@ -2,14 +2,17 @@
 // The derivative of the projection (project.h), without the sums over list entries, the colour and the storing.
 //
 // Notation of project.h; gX stands for dL/dX. In order:
-//  1. Add the slots of each Gaussian (always in the same order) and turn the sums over pixels into gradients of the record's
-//     columns. Moving the centre moves every (x, y) = pixel - centre the other way:
-//     dL/d centre_x = -sum (gq dq/dx + gA dA/dx + gB dB/dx), dq/dx = 2 q0 x + 2 q1 y, dA/dx = a1 + 2 a3 x + 2 a4 y, dB/dx = b1.
+//  1. Add the slots of each Gaussian (always in the same order) and turn the sums over pixels into gradients of the
+//     record's columns. Moving the centre moves every (x, y) = pixel - centre the other way:
+//     dL/d centre_x = -sum (gq dq/dx + gA dA/dx + gB dB/dx), dq/dx = 2 q0 x + 2 q1 y, dA/dx = a1 + 2 a3 x + 2 a4 y,
+//     dB/dx = b1.
 //  2. b1 = m_z a1 / 2 and b2 alike: their gradients go to a1, a2 and m_z.
-//  3. q_i = sum h_k u_k^2 / (D largest^2), a_i = sum g_k ... / D and N = sum g_k c_k V_k are sums over the three axes with weights
-//     h_k = s_k^2 / largest^2 and g_k = h_i h_j; each is differentiated for its factors. `largest` cancels, so it counts as fixed.
+//  3. q_i = sum h_k u_k^2 / (D largest^2), a_i = sum g_k ... / D and N = sum g_k c_k V_k are sums over the three axes
+//     with weights h_k = s_k^2 / largest^2 and g_k = h_i h_j; each is differentiated for its factors. `largest` cancels,
+//     so it counts as fixed.
 //  4. c_k, jx_k, jy_k, ux_k, uy_k are linear in V_k with coefficients in m: gradients of V_k and m.
-//  5. V_k = camera rotation * column k of R(unit quaternion); scales and opacity through exp, filter and sigmoid; colour.
+//  5. V_k = camera rotation * column k of R(unit quaternion); scales and opacity through exp, filter and sigmoid;
+//     colour.
 #pragma once
 #include "raster/blend_backward.h"
 #include "raster/gaussian.h"
@@ -27,11 +30,14 @@ static inline i16 sound(const v16 *values, int count) {
 }
 
 // Steps 1 to 4. rec: the columns of the records; lanes that are not drawn hold zero sums and finite records.
-static inline void geometry_gradients(const Lanes *s, const v16 *rec, const v16 *sum, const Camera *camera, LaneGradients *out) {
+static inline void geometry_gradients(const Lanes *s, const v16 *rec, const v16 *sum, const Camera *camera,
+                                      LaneGradients *out) {
     const float ifx = 1.0f / camera->fx, ify = 1.0f / camera->fy;
-    const v16 gu = -(2.0f * (rec[REC_Q0] * sum[SUM_QX] + rec[REC_Q1] * sum[SUM_QY] + rec[REC_A3] * sum[SUM_AX] + rec[REC_A4] * sum[SUM_AY]) +
+    const v16 gu = -(2.0f * (rec[REC_Q0] * sum[SUM_QX] + rec[REC_Q1] * sum[SUM_QY] + rec[REC_A3] * sum[SUM_AX] +
+                             rec[REC_A4] * sum[SUM_AY]) +
                      rec[REC_A1] * sum[SUM_A] + rec[REC_B1] * sum[SUM_B0]);
-    const v16 gv = -(2.0f * (rec[REC_Q1] * sum[SUM_QX] + rec[REC_Q2] * sum[SUM_QY] + rec[REC_A4] * sum[SUM_AX] + rec[REC_A5] * sum[SUM_AY]) +
+    const v16 gv = -(2.0f * (rec[REC_Q1] * sum[SUM_QX] + rec[REC_Q2] * sum[SUM_QY] + rec[REC_A4] * sum[SUM_AX] +
+                             rec[REC_A5] * sum[SUM_AY]) +
                      rec[REC_A2] * sum[SUM_A] + rec[REC_B2] * sum[SUM_B0]);
     out->centre[0] = gu, out->centre[1] = gv;
     const v16 gq0 = sum[SUM_QXX], gq1 = 2.0f * sum[SUM_QXY], gq2 = sum[SUM_QYY];
@@ -40,12 +46,13 @@ static inline void geometry_gradients(const Lanes *s, const v16 *rec, const v16 
     v16 gz = sum[SUM_B0] + 0.5f * (sum[SUM_BX] * rec[REC_A1] + sum[SUM_BY] * rec[REC_A2]);
 
     const v16 inv_den = s->inv_den, per_q = inv_den / s->largest2;
-    const v16 g_den = -inv_den * (gq0 * rec[REC_Q0] + gq1 * rec[REC_Q1] + gq2 * rec[REC_Q2] + ga1 * rec[REC_A1] + ga2 * rec[REC_A2] +
-                                  ga3 * rec[REC_A3] + ga4 * rec[REC_A4] + ga5 * rec[REC_A5]);
+    const v16 g_den = -inv_den * (gq0 * rec[REC_Q0] + gq1 * rec[REC_Q1] + gq2 * rec[REC_Q2] + ga1 * rec[REC_A1] +
+                                  ga2 * rec[REC_A2] + ga3 * rec[REC_A3] + ga4 * rec[REC_A4] + ga5 * rec[REC_A5]);
 
     v16 normal[3], length2 = splat(1e-36f), along = splat(0.0f), g_normal[3];
     for (int i = 0; i < 3; i++) {
-        normal[i] = s->g[0] * s->c[0] * s->axis[0][i] + s->g[1] * s->c[1] * s->axis[1][i] + s->g[2] * s->c[2] * s->axis[2][i];
+        normal[i] =
+            s->g[0] * s->c[0] * s->axis[0][i] + s->g[1] * s->c[1] * s->axis[1][i] + s->g[2] * s->c[2] * s->axis[2][i];
         length2 += normal[i] * normal[i];
         along += rec[REC_NX + i] * sum[SUM_NX + i];
     }
@@ -91,9 +98,12 @@ static inline void quaternion_gradient(const Lanes *s, const Camera *camera, v16
     const v16 w = s->unit[0], x = s->unit[1], y = s->unit[2], z = s->unit[3];
     v16 g[4];
     g[0] = 2.0f * (z * (r[0][1] - r[1][0]) + y * (r[2][0] - r[0][2]) + x * (r[1][2] - r[2][1]));
-    g[1] = 2.0f * (y * (r[0][1] + r[1][0]) + z * (r[0][2] + r[2][0]) + w * (r[1][2] - r[2][1])) - 4.0f * x * (r[1][1] + r[2][2]);
-    g[2] = 2.0f * (x * (r[0][1] + r[1][0]) + z * (r[1][2] + r[2][1]) + w * (r[2][0] - r[0][2])) - 4.0f * y * (r[0][0] + r[2][2]);
-    g[3] = 2.0f * (x * (r[0][2] + r[2][0]) + y * (r[1][2] + r[2][1]) + w * (r[0][1] - r[1][0])) - 4.0f * z * (r[0][0] + r[1][1]);
+    g[1] = 2.0f * (y * (r[0][1] + r[1][0]) + z * (r[0][2] + r[2][0]) + w * (r[1][2] - r[2][1])) -
+           4.0f * x * (r[1][1] + r[2][2]);
+    g[2] = 2.0f * (x * (r[0][1] + r[1][0]) + z * (r[1][2] + r[2][1]) + w * (r[2][0] - r[0][2])) -
+           4.0f * y * (r[0][0] + r[2][2]);
+    g[3] = 2.0f * (x * (r[0][2] + r[2][0]) + y * (r[1][2] + r[2][1]) + w * (r[0][1] - r[1][0])) -
+           4.0f * z * (r[0][0] + r[1][1]);
     const v16 along = g[0] * w + g[1] * x + g[2] * y + g[3] * z;
     for (int i = 0; i < 4; i++) out[i] = (g[i] - s->unit[i] * along) * s->inv_norm;
 }
@@ -105,11 +115,13 @@ static inline void scale_gradients(const Lanes *s, const LaneGradients *g, v16 *
     *logit = g->opacity * opacity * s->off;
     for (int k = 0; k < 3; k++) {
         const v16 share = s->local2[k] / s->scale2[k];
-        log_scales[k] = keep(s->clamped[k] == 0, 2.0f * g->h[k] * s->h[k] * share + g->opacity * opacity * (1.0f - share));
+        log_scales[k] =
+            keep(s->clamped[k] == 0, 2.0f * g->h[k] * s->h[k] * share + g->opacity * opacity * (1.0f - share));
     }
 }
 
-// |dL/d centre| of the projected centre, the rest of the record held fixed, in half frames (normalised device coordinates).
+// |dL/d centre| of the projected centre, the rest of the record held fixed, in half frames (normalised device
+// coordinates).
 static inline v16 centre_gradient(const LaneGradients *g, const Camera *camera) {
     const v16 x = 0.5f * camera->width * g->centre[0], y = 0.5f * camera->height * g->centre[1];
     return vsqrt(x * x + y * y);

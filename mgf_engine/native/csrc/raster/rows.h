@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Between rows in memory, one Gaussian after the other, and columns in vectors, one number of sixteen Gaussians each. Whole
-// vectors of a row are read and written and turned in registers: number by number it would take three times as long.
+// Between rows in memory, one Gaussian after the other, and columns in vectors, one number of sixteen Gaussians each.
+// Whole vectors of a row are read and written and turned in registers: number by number it would take three times as
+// long.
 #pragma once
 #include "common/vector.h"
 
@@ -29,7 +30,8 @@ static inline void transpose16(v16 *a) {
     }
 }
 
-// columns[c] lane l = rows[first + l][c] for c < 16 * parts, rows of `stride` floats; rows beyond n repeat the last one.
+// columns[c] lane l = rows[first + l][c] for c < 16 * parts, rows of `stride` floats; rows beyond n repeat the last
+// one.
 static inline void load_columns(v16 *columns, int parts, const float *rows, int64_t stride, int64_t first, int64_t n) {
     for (int l = 0; l < 16; l++) {
         const float *row = rows + (first + l < n ? first + l : n - 1) * stride;

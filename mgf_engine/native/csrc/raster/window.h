@@ -12,8 +12,8 @@
 typedef float vec __attribute__((vector_size(64), aligned(64)));
 typedef float loose __attribute__((vector_size(64), aligned(4)));
 
-/* Whole 64-byte vectors where there are such registers (the compiler's default for them is half vectors), and loops over
-   the window written out, so that its weights are constants. */
+/* Whole 64-byte vectors where there are such registers (the compiler's default for them is half vectors), and loops
+   over the window written out, so that its weights are constants. */
 #if defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
 #else

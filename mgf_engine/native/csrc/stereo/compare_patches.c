@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // How alike a picture and some others are around each pixel: normalised cross-correlation of patches of lightness, and
-// distance of colours; for each pixel the mean over the best of the others. All of them are compared row by row, so that
-// what has to be held of each is in the cache.
+// distance of colours; for each pixel the mean over the best of the others. All of them are compared row by row, so
+// that what has to be held of each is in the cache.
 //
 // Sums over a patch are of numbers with few digits, so doubles hold them exactly, in whatever order they are added: the
 // result does not depend on how a picture is cut, and is that of OpenCV's blurs.
@@ -14,7 +14,7 @@ enum { RADIUS = 2, SIDE = 2 * RADIUS + 1, CHANNELS = 3 };
 typedef struct {
     int64_t height, width, channels;
     const uint8_t *other;        // the picture compared with, [height][width][channels]: lightness first, 0..255
-    const float *lightness;      // of the own picture, 0..100, [height][width], with means and variances over the patches
+    const float *lightness;  // of the own picture, 0..100, [height][width], with means and variances over the patches
     const float *average, *variance;
 } Pair;
 
@@ -46,7 +46,8 @@ static inline void move_sums(int64_t width, int64_t channels, const uint8_t *res
 
 // Takes the sums from row y - 1 to row y.
 static void next_row(const Pair *p, int64_t y, const Sums *sums) {
-    const int64_t to = mirrored(y + RADIUS, p->height) * p->width, from = mirrored(y - RADIUS - 1, p->height) * p->width;
+    const int64_t to = mirrored(y + RADIUS, p->height) * p->width,
+                  from = mirrored(y - RADIUS - 1, p->height) * p->width;
     const uint8_t *in = p->other + to * p->channels, *out = p->other + from * p->channels;
     double *light = sums->light + RADIUS, *square = sums->square + RADIUS, *product = sums->product + RADIUS;
     if (p->channels == 1)
@@ -105,7 +106,7 @@ static void correlate_row(const Pair *p, int64_t y, const Sums *sums, const int3
 
 // CIELAB distance of one row between the own colours, smoothed already, [3][height][width], and those of the other,
 // smoothed here. `columns`: scratch memory for a row of each channel, with one pixel more at both ends.
-static void colours_row(const Pair *p, int64_t y, const uint8_t *smooth, uint16_t *restrict columns,
+static void colors_row(const Pair *p, int64_t y, const uint8_t *smooth, uint16_t *restrict columns,
                         float *restrict scratch, float *restrict result) {
     const int64_t width = p->width, wide = width + 2, pixels = p->height * width;
     const uint8_t *r[3];
@@ -166,8 +167,9 @@ typedef struct {
     uint16_t *columns;
 } Scratch;
 
-static void compare_row(const Pair *p, int64_t y, const int32_t *seen, const uint8_t *smooth, float texture, float colour,
-                        const Scratch *scratch, double *held, const Best *fits, const Best *colours, const Best *alone) {
+static void compare_row(const Pair *p, int64_t y, const int32_t *seen, const uint8_t *smooth, float texture,
+                        float color, const Scratch *scratch, double *held, const Best *fits, const Best *colors,
+                        const Best *alone) {
     const int64_t wide = p->width + 2 * RADIUS;
     const Sums sums = {held, held + wide, held + 2 * wide};
     float *row = scratch->floats, *away = row + p->width, *limited = away + p->width, *between = limited + p->width;
@@ -175,13 +177,13 @@ static void compare_row(const Pair *p, int64_t y, const int32_t *seen, const uin
     for (int k = 0; k < 3; k++) mirror_ends(held + k * wide, p->width);
     correlate_row(p, y, &sums, seen, texture, between, row);
     if (smooth) {
-        colours_row(p, y, smooth, scratch->columns, between, away);
+        colors_row(p, y, smooth, scratch->columns, between, away);
         for (int64_t x = 0; x < p->width; x++) {
-            limited[x] = away[x] < colour || row[x] < 0.0f ? row[x] : 0.0f;
+            limited[x] = away[x] < color || row[x] < 0.0f ? row[x] : 0.0f;
             away[x] = -away[x];
         }
         fill_unseen(p->width, seen, -255.0f, away);
-        rank(fits, limited), rank(colours, away);
+        rank(fits, limited), rank(colors, away);
     }
     if (alone) rank(alone, row);
 }
@@ -191,16 +193,18 @@ static void compare_row(const Pair *p, int64_t y, const int32_t *seen, const uin
    others: uint8 [number][height][width][channels], 1 or 3 (CIELAB); seen: [number][height][2], the first and one past
    the last pixel of each row that they show; lightness, average, variance: of the own picture, 0..100; smooth: its
    colours, means over 3 x 3 pixels, uint8 [3][height][width], null without colours. fits: of `count` correlations, at
-   most 0 where the colours are `colour` apart; colours: of `count` negative distances; both null without colours. alone:
-   of `count_alone` correlations with the last `last` others whatever the colours are. Returns 1 without memory. */
+   most 0 where the colours are `colour` apart; colours: of `count` negative distances; both null without colours.
+   alone: of `count_alone` correlations with the last `last` others whatever the colours are. Returns 1 without memory.
+   */
 MGF_API int64_t mgf_compare_patches(int64_t number, int64_t height, int64_t width, int64_t channels,
                                     const uint8_t *others, const int32_t *seen, const float *lightness,
                                     const float *average, const float *variance, const uint8_t *smooth, float texture,
-                                    float colour, int64_t count, float *fits, float *colours, int64_t last,
+                                    float color, int64_t count, float *fits, float *colors, int64_t last,
                                     int64_t count_alone, float *alone) {
     const int64_t wide = width + 2 * RADIUS, rows = 5 + 2 * count + count_alone;
-    const Scratch scratch = {calloc((size_t)(number * 3 * wide), sizeof(double)), malloc((size_t)(rows * width) * sizeof(float)),
-                       malloc((size_t)(CHANNELS * (width + 2)) * sizeof(uint16_t))};
+    const Scratch scratch = {calloc((size_t)(number * 3 * wide), sizeof(double)),
+                             malloc((size_t)(rows * width) * sizeof(float)),
+                             malloc((size_t)(CHANNELS * (width + 2)) * sizeof(uint16_t))};
     const int failed = !scratch.sums || !scratch.floats || !scratch.columns;
     const Best best[3] = {{count, width, scratch.floats + 5 * width},
                           {count, width, scratch.floats + (5 + count) * width},
@@ -208,13 +212,14 @@ MGF_API int64_t mgf_compare_patches(int64_t number, int64_t height, int64_t widt
     for (int64_t y = 0; y < height && !failed; y++) {
         for (int k = 0; k < 3; k++) clear(best + k);
         for (int64_t n = 0; n < number; n++) {
-            const Pair pair = {height, width, channels, others + n * height * width * channels, lightness, average, variance};
+            const Pair pair = {height,    width,   channels, others + n * height * width * channels,
+                               lightness, average, variance};
             double *held = scratch.sums + n * 3 * wide;
             if (y == 0) begin(&pair, &(Sums){held, held + wide, held + 2 * wide});
-            compare_row(&pair, y, seen + 2 * (n * height + y), smooth, texture, colour, &scratch, held, best, best + 1,
+            compare_row(&pair, y, seen + 2 * (n * height + y), smooth, texture, color, &scratch, held, best, best + 1,
                         n >= number - last ? best + 2 : NULL);
         }
-        if (smooth) mean_of(best, fits + y * width), mean_of(best + 1, colours + y * width);
+        if (smooth) mean_of(best, fits + y * width), mean_of(best + 1, colors + y * width);
         if (alone) mean_of(best + 2, alone + y * width);
     }
     free(scratch.sums), free(scratch.floats), free(scratch.columns);

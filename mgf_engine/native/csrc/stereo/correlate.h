@@ -24,7 +24,8 @@ typedef struct {
     v16 centre[3], across[3], down[3];
 } Homography;
 
-// Where a patch falls in a photo: u = at[0] + dx across[0] + dy down[0] pixels from the middle of its first pixel, v alike.
+// Where a patch falls in a photo: u = at[0] + dx across[0] + dy down[0] pixels from the middle of its first pixel, v
+// alike.
 //
 // The homography is replaced by its derivative at the middle of the patch: what that leaves out goes with the square of
 // the patch's size by the distance, hundredths of a pixel.
@@ -47,12 +48,13 @@ static Place place_of(const Photo *o, const Homography *h, i16 good, float spaci
         p.inside &= (p.at[r] - reach >= 0.0f) & (p.at[r] + reach < limit);
     }
     for (int r = 0; r < 2; r++)
-        p.at[r] = keep(p.inside, p.at[r]), p.across[r] = keep(p.inside, p.across[r]), p.down[r] = keep(p.inside, p.down[r]);
+        p.at[r] = keep(p.inside, p.at[r]), p.across[r] = keep(p.inside, p.across[r]),
+        p.down[r] = keep(p.inside, p.down[r]);
     return p;
 }
 
-// Correlation of the patches, whose samples are `spacing` pixels apart, with those at `place`; anything in lanes that are
-// not inside.
+// Correlation of the patches, whose samples are `spacing` pixels apart, with those at `place`; anything in lanes that
+// are not inside.
 static v16 correlate(const Patch *patch, const Place *place, const Photo *o, float texture, float spacing) {
     v16 sum = splat(0.0f), squares = splat(0.0f), products = splat(0.0f);
     for (int k = 0; k < SAMPLES; k++) {
@@ -63,7 +65,8 @@ static v16 correlate(const Patch *patch, const Place *place, const Photo *o, flo
         const v16 a = u - __builtin_convertvector(i, v16), b = v - __builtin_convertvector(j, v16);
         const i16 quad = gather(o->quads, j * (int32_t)o->width + i);
         const v16 p = __builtin_convertvector(quad & 255, v16), q = __builtin_convertvector(quad >> 8 & 255, v16);
-        const v16 r = __builtin_convertvector(quad >> 16 & 255, v16), s = __builtin_convertvector(quad >> 24 & 255, v16);
+        const v16 r = __builtin_convertvector(quad >> 16 & 255, v16),
+                  s = __builtin_convertvector(quad >> 24 & 255, v16);
         const v16 top = p + a * (q - p), bottom = r + a * (s - r), value = top + b * (bottom - top) - patch->mean;
         const v16 weighted = patch->weight[k] * value;
         sum += weighted, squares += weighted * value, products += patch->grey[k] * value;

@@ -11,7 +11,8 @@
 
 enum { GROUPS = 4, MOST_STEPS = 33 };
 
-// Sixteen pixels, and the plane through the surface at each: inverse + dx * slope[0] + dy * slope[1] is 1 / depth beside it.
+// Sixteen pixels, and the plane through the surface at each: inverse + dx * slope[0] + dy * slope[1] is 1 / depth
+// beside it.
 typedef struct {
     i16 at, good;  // index in the picture; may the lane be used?
     v16 x, y, depth, inverse, slope[2];
@@ -45,7 +46,8 @@ static void load_patches(const Photo *p, Pixels *pixels, float jump, float textu
     for (int k = 0; k < SAMPLES; k++) {
         const float dx = k % SIDE - RADIUS, dy = k / SIDE - RADIUS;
         const i16 at = pixels->at + ((k / SIDE - RADIUS) * (int32_t)p->width + k % SIDE - RADIUS);
-        const v16 off = (v16)gather(p->depth, at) * (pixels->inverse + dx * pixels->slope[0] + dy * pixels->slope[1]) - 1.0f;
+        const v16 off =
+            (v16)gather(p->depth, at) * (pixels->inverse + dx * pixels->slope[0] + dy * pixels->slope[1]) - 1.0f;
         // depth = 0 (unknown) differs by one from every plane.
         patch->weight[k] = keep((off < jump) & (off > -jump), splat(1.0f));
         patch->grey[k] = __builtin_convertvector(gather(p->quads, at) & 255, v16);
@@ -84,7 +86,8 @@ static Homography at_depth(const Photo *o, const Pixels *pixels, const v16 here[
 static i16 sees(const Photo *o, const Pixels *pixels, const v16 here[3], float hidden) {
     const Homography h = at_depth(o, pixels, here, splat(1.0f));
     i16 seen = pixels->good & (h.centre[2] > 0.0f);
-    const v16 inverse = 1.0f / choose(seen, h.centre[2], splat(1.0f)), u = h.centre[0] * inverse, v = h.centre[1] * inverse;
+    const v16 inverse = 1.0f / choose(seen, h.centre[2], splat(1.0f)), u = h.centre[0] * inverse,
+              v = h.centre[1] * inverse;
     seen &= (u >= 0.0f) & (v >= 0.0f) & (u < (float)o->width) & (v < (float)o->height);
     const i16 x = __builtin_convertvector(keep(seen, u), i16), y = __builtin_convertvector(keep(seen, v), i16);
     const v16 depth = h.centre[2] * pixels->depth, off = (v16)gather(o->depth, y * (int32_t)o->width + x) - depth;
@@ -113,15 +116,16 @@ static v16 step_of(const Photo *others, int64_t count, const Pixels *pixels, flo
    step [n] is set to the relative change of the inverse depth that moves a pixel by `length` in the neighbour where it
    moves the most; the tried inverse depths are those of the first depth map times (1 + (k - steps / 2) step[n]).
    scores [n][steps] are set to the sums of the correlations with the neighbours that had a say at every depth, counts
-   [n] to their number. jump: share of the depth by which pixels of one surface differ from its plane at most; hidden: by
-   which the neighbour's own depth may differ; texture: least deviation of brightness. */
+   [n] to their number. jump: share of the depth by which pixels of one surface differ from its plane at most; hidden:
+   by which the neighbour's own depth may differ; texture: least deviation of brightness. */
 MGF_API void mgf_match_photos(int32_t *next, int64_t n, const int32_t *pixels, const float *normals, float length,
                               int64_t steps, const Photo *first, const float *inverse_intrinsics, const Photo *others,
                               int64_t neighbours, float jump, float hidden, float texture, float *step, float *scores,
                               float *counts) {
     if (first->width < SIDE || first->height < SIDE || steps > MOST_STEPS) return;
     for (;;) {
-        const int64_t start = take_work(next) * GROUPS * VECTOR, end = start + GROUPS * VECTOR < n ? start + GROUPS * VECTOR : n;
+        const int64_t start = take_work(next) * GROUPS * VECTOR,
+                      end = start + GROUPS * VECTOR < n ? start + GROUPS * VECTOR : n;
         if (start >= n) return;
         for (int64_t i = start; i < end; i += VECTOR) {
             const int64_t lanes = end - i < VECTOR ? end - i : VECTOR;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Depth of a photo by PatchMatch stereo (Bleyer et al. 2011) against several neighbours: each pixel holds a plane, tries
-// those of pixels around it and random perturbations of its own, and keeps the one with which the photos look most
-// alike. Half of the pixels, those of one colour of a checkerboard, are moved at a time by what the others hold (Galliani
-// et al. 2015), so the result does not depend on how the work is shared out.
+// Depth of a photo by PatchMatch stereo (Bleyer et al. 2011) against several neighbours: each pixel holds a plane,
+// tries those of pixels around it and random perturbations of its own, and keeps the one with which the photos look
+// most alike. Half of the pixels, those of one colour of a checkerboard, are moved at a time by what the others hold
+// (Galliani et al. 2015), so the result does not depend on how the work is shared out.
 //
 // A plane is inverse + dx * across + dy * down, the inverse depth dx, dy pixels away: linear in the picture.
 #include "common/export.h"
@@ -101,7 +101,8 @@ static v16 inconsistency(const Photo *other, const v16 here[3], const Plane *pla
     return choose(known > 0.0f, vmin(pixels, splat(most)), splat(most));
 }
 
-// Mean of the best correlations of a plane with the neighbours, less what contradicts their depths; -1 where it cannot be.
+// Mean of the best correlations of a plane with the neighbours, less what contradicts their depths; -1 where it cannot
+// be.
 static v16 score_of(const Group *g, const Patch *patch, const Plane *plane, const Photo *others, int64_t neighbours,
                     const Search *search) {
     v16 top[MOST_BEST];
@@ -157,8 +158,8 @@ static Plane perturb(const Group *g, const Plane *plane, v16 step, const Search 
 
 /* Moves the planes of pixels [n] (y * width + x, REACH from the rim, of one colour of the checkerboard).
 
-   inverse, across, down, score [height][width]: planes and how alike the photos look with them; inverse 0 where there is
-   none. The scores are set; those of other photos or another `consistency` do not matter. */
+   inverse, across, down, score [height][width]: planes and how alike the photos look with them; inverse 0 where there
+   is none. The scores are set; those of other photos or another `consistency` do not matter. */
 MGF_API void mgf_patch_match(int32_t *next, int64_t n, const int32_t *pixels, const Photo *first, const Photo *others,
                              int64_t neighbours, const Search *search, float *inverse, float *across, float *down,
                              float *score) {

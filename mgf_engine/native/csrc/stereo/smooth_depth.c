@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Second-order smoothing of a map: least squares of a data term and of robust second differences along rows and columns,
-// by iteratively reweighted conjugate gradients with the diagonal as preconditioner.
+// Second-order smoothing of a map: least squares of a data term and of robust second differences along rows and
+// columns, by iteratively reweighted conjugate gradients with the diagonal as preconditioner.
 //
-// Every array is a padded plane [height + 2 * ROWS][stride], zero in its margins of ROWS rows and at least COLUMNS columns
-// to either side, so that no loop asks where the picture ends. A second difference is kept at the middle of its three.
+// Every array is a padded plane [height + 2 * ROWS][stride], zero in its margins of ROWS rows and at least COLUMNS
+// columns to either side, so that no loop asks where the picture ends. A second difference is kept at the middle of its
+// three.
 #include <math.h>
 
 #include "common/export.h"
@@ -43,7 +44,8 @@ static double apply(const System *s, const float *x, float *y) {
         v16 sum = splat(0.0f);
         for (int64_t i = r * s->stride + COLUMNS; i < r * s->stride + COLUMNS + s->width; i += VECTOR) {
             const v16 here = load16(x + i);
-            const v16 out = load16(s->weight + i) * here + bend(s->down + i, x + i, s->stride) + bend(s->across + i, x + i, 1);
+            const v16 out =
+                load16(s->weight + i) * here + bend(s->down + i, x + i, s->stride) + bend(s->across + i, x + i, 1);
             store16(y + i, out);
             sum += here * out;
         }
@@ -53,8 +55,8 @@ static double apply(const System *s, const float *x, float *y) {
 }
 
 // The weights of the second differences, smaller at creases; `joined` is 1 where the three belong to one surface.
-static void reweight(const System *s, const float *x, const float *joined_down, const float *joined_across, float strength,
-                     float crease, float *inverse) {
+static void reweight(const System *s, const float *x, const float *joined_down, const float *joined_across,
+                     float strength, float crease, float *inverse) {
     const float scale = 1.0f / crease;
     for (int64_t r = ROWS; r < ROWS + s->height; r++)
         for (int64_t i = r * s->stride + COLUMNS; i < r * s->stride + COLUMNS + s->width; i += VECTOR) {
@@ -112,13 +114,14 @@ static void turn(const System *s, float share, const float *residual, const floa
 }
 
 /* x: where to start and the result. scratch: six planes. width is rounded up to whole vectors; weight and joined are
-   0 there and wherever nothing is known. strength: weight of the squared second differences; crease: second difference from
-   which it counts as a crease; rounds of reweighting, of `steps` conjugate gradients each. */
+   0 there and wherever nothing is known. strength: weight of the squared second differences; crease: second difference
+   from which it counts as a crease; rounds of reweighting, of `steps` conjugate gradients each. */
 MGF_API void mgf_smooth_depth(int64_t height, int64_t width, int64_t stride, const float *weight, const float *target,
                               const float *joined_down, const float *joined_across, float strength, float crease,
                               int64_t rounds, int64_t steps, float *x, float *scratch) {
     const int64_t size = (height + 2 * ROWS) * stride;
-    float *inverse = scratch + 2 * size, *residual = inverse + size, *direction = residual + size, *moved = direction + size;
+    float *inverse = scratch + 2 * size, *residual = inverse + size, *direction = residual + size,
+          *moved = direction + size;
     const System s = {height, (width + VECTOR - 1) / VECTOR * VECTOR, stride, weight, target, scratch, scratch + size};
     for (int64_t round = 0; round < rounds; round++) {
         reweight(&s, x, joined_down, joined_across, strength, crease, inverse);
