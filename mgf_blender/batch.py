@@ -21,6 +21,7 @@ import traceback
 from pathlib import Path
 from typing import Any, NoReturn
 
+#: As in ``common/job.py``, which cannot be imported before this file, run as a script, has loaded the add-on.
 EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
 DRAWINGS = ("orthophotos", "elevations", "sections", "sheets", "quantities")
 MODELS = ("lod", "tiles", "solid", "ifc", "usd", "points")

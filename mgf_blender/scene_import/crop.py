@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..common.meshes import vertices_of
-from .tree import FIELD_KEY, ROLE_KEY, Tree, objects_below
+from .points import sparse_points
+from .tree import ROLE_KEY, Tree, objects_below
 
 ROLE = "crop"
 _NAME = "Crop Box"
@@ -61,8 +61,5 @@ def crop_text(tree: Tree | None) -> str:
 
 def _points(tree: Tree) -> np.ndarray:
     """Return the sparse points in the empty's frame [N, 3]; without any, a cube of the scene's size."""
-    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices) and not o.get(FIELD_KEY)]
-    if not clouds:
-        return tree.radius * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
-    matrix = np.array(clouds[0].matrix_basis, np.float64)
-    return vertices_of(clouds[0].data) @ matrix[:3, :3].T + matrix[:3, 3]
+    points = sparse_points(tree)
+    return points if len(points) else tree.radius * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])

@@ -7,7 +7,6 @@ import bpy
 import numpy as np
 
 from ..common.errors import UserError
-from ..common.meshes import vertices_of
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..common.views import enter_camera, frame_scene, side_of_cameras
@@ -19,6 +18,7 @@ from .colmap import read_model
 from .crop import add_crop_box, find_crop_box
 from .load import Imported, import_scene
 from .locate import find_model, find_photo
+from .points import sparse_points
 from .tree import Tree
 
 
@@ -211,10 +211,8 @@ def list_roots(scene: bpy.types.Scene, done: Imported, path: Path) -> None:
 def frame_tree(context: bpy.types.Context, tree: Tree) -> None:
     """Turn the viewports to an imported scene."""
     root = tree.root
-    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and len(o.data.vertices)]
-    middle = np.zeros(3)
-    if clouds:
-        middle = np.median(vertices_of(clouds[0].data), axis=0)
+    points = sparse_points(tree)
+    middle = np.median(points, axis=0) if len(points) else np.zeros(3)
     matrix = np.array(root.matrix_basis)
     middle = matrix[:3, :3] @ middle + matrix[:3, 3]
     side = side_of_cameras(middle, _centres(tree))

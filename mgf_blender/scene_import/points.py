@@ -7,9 +7,9 @@ import bpy
 import numpy as np
 
 from ..common.materials import show_points
-from ..common.meshes import make_mesh, prepare_mesh
+from ..common.meshes import make_mesh, prepare_mesh, vertices_of
 from .colmap import Points
-from .tree import Tree
+from .tree import FIELD_KEY, Tree
 
 #: Size of a drawn point, as a share of the scene's size.
 _SIZE = 0.006
@@ -25,3 +25,12 @@ def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.t
     tree.add("Points", obj)
     show_points(obj, _SIZE * tree.radius)
     return obj
+
+
+def sparse_points(tree: Tree) -> np.ndarray:
+    """Return the sparse points in the empty's frame, float64 [N, 3]; the Gaussian field, of the same kind, is none."""
+    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and not o.get(FIELD_KEY)]
+    if not clouds:
+        return np.zeros((0, 3))
+    matrix = np.array(clouds[0].matrix_basis, np.float64)
+    return vertices_of(clouds[0].data) @ matrix[:3, :3].T + matrix[:3, 3]

@@ -233,6 +233,16 @@ def test_the_viewports_look_from_the_cameras_side(addon, house):
     assert up.z > 0.8
 
 
+def test_the_viewports_look_at_the_points_where_they_lie(tree):
+    (cloud,) = tree.objects("Points")
+    space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
+    before = space.region_3d.view_location.copy()
+    cloud.matrix_basis = Matrix.Translation((3.0, 0.0, 0.0))
+    frame_tree(bpy.context, tree)
+    moved = tree.root.matrix_basis.to_3x3() @ Vector((3.0, 0.0, 0.0))
+    assert (space.region_3d.view_location - before - moved).length < 1e-3
+
+
 def test_scaling_keeps_the_picture(tree):
     space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
     before, place = space.region_3d.view_distance, space.region_3d.view_location.copy()
