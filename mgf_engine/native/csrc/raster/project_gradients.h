@@ -8,8 +8,8 @@
 //     dB/dx = b1.
 //  2. b1 = m_z a1 / 2 and b2 alike: their gradients go to a1, a2 and m_z.
 //  3. q_i = sum h_k u_k^2 / (D largest^2), a_i = sum g_k ... / D and N = sum g_k c_k V_k are sums over the three axes
-//     with weights h_k = s_k^2 / largest^2 and g_k = h_i h_j; each is differentiated for its factors. `largest` cancels,
-//     so it counts as fixed.
+//     with weights h_k = s_k^2 / largest^2 and g_k = h_i h_j; each is differentiated for its factors. `largest`
+//     cancels, so it counts as fixed.
 //  4. c_k, jx_k, jy_k, ux_k, uy_k are linear in V_k with coefficients in m: gradients of V_k and m.
 //  5. V_k = camera rotation * column k of R(unit quaternion); scales and opacity through exp, filter and sigmoid;
 //     colour.
