@@ -40,3 +40,15 @@ def test_the_ground_is_background_unless_clicked_otherwise(
 
     prompts = {VIEW: Clicks(clicks(positive), clicks(negative))}
     assert walker.geometry._clicks_reject(grounded, prompts) is rejected
+
+
+def test_sky_without_a_click_is_background(walker: LabelPropagation, scene: Scene):
+    """Only the wall was clicked, in one photo."""
+    height = scene.to_normalised.invert(scene.points)[:, 2]
+    here = scene.track_view == VIEW
+    wall = scene.track_uv[here][height[walker.geometry.visibility.owner[here]].argmax()]
+    prompts = {VIEW: Clicks(wall[None], np.zeros((0, 2)))}
+    found = walker.solve(prompts, rounds=1)
+    sky = walker.graph.unclicked_sky(prompts)[: walker.graph.region_count]
+    assert sky.sum() > 100
+    assert np.concatenate(found.regions)[sky].mean() < 0.05

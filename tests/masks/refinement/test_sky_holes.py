@@ -133,3 +133,15 @@ def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     assert (labels[0][air] == BACKGROUND).mean() > 0.9
     assert (labels[0][mast & OVER] == BUILDING).mean() > 0.9
     assert (labels[0][~mask & ~OVER] == IGNORE).any()  # where the building is expected and something else is seen
+
+
+def test_a_speck_is_no_hole() -> None:
+    photo = land_under_sky()
+    wall = np.zeros((HEIGHT, WIDTH), bool)
+    wall[20:78, 60:140] = True
+    photo[wall] = (150, 70, 55)
+    photo[40:60, 80:83], photo[40:44, 120] = SKY, SKY
+    for smallest, columns in ((6, {80, 81, 82}), (1, {80, 81, 82, 120})):
+        options = SkyHoleOptions(smallest=smallest)
+        found = find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS, options)
+        assert set(np.nonzero(found)[1].tolist()) == columns

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +17,7 @@ from benchmarks.synthetic.house_scene import house_scene
 from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.user_masks import read_user_masks
-from mgf_engine.masks.validation.mask_coverage import describe_misfits, mark_ignored, measure_coverage
+from mgf_engine.masks.validation.mask_coverage import MaskCoverage, describe_misfits, mark_ignored, measure_coverage
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.load import load_scene
@@ -93,3 +95,19 @@ def test_an_opening_that_shows_the_surroundings_stays(source: Path, tmp_path: Pa
     changed[view] = np.maximum(labels[view], ring)
     again = measure_coverage(scene, changed, np.ones(len(labels), bool))
     assert mark_ignored(scene, changed, again)[view][y, x] == 0
+
+
+@pytest.mark.parametrize(("ground", "left"), [(False, IGNORE), (True, 0)])
+def test_a_hole_that_shows_building_and_ground_is_not_ignored_as_a_whole(ground: bool, left: int) -> None:
+    label = np.ones((40, 40), np.uint8)
+    label[8:32, 8:32] = 0
+    scene: Any = SimpleNamespace(
+        track_view=np.zeros(2, int),
+        track_uv=np.array([[12.5, 12.5], [27.5, 27.5]]),
+        observations=lambda _: np.arange(2),
+    )
+    fit = MaskCoverage(np.array([-5.0, -5.0]), np.array([True, False]), np.array([False, ground]))
+    (result,) = mark_ignored(scene, [label], fit)
+    assert result[12, 12] == IGNORE  # around what its mask leaves out
+    assert result[12, 28] == left  # far from it, in the same hole
+    assert (result[label == 1] == 1).all()
