@@ -175,7 +175,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("town_plan", "town", "Buildings of a scene and their points", "town.plan:PlanOptions", also=("suggest-clicks",)),
     Algorithm("building_box", "town", "Crop box of each building", "town.crop:BuildingBoxOptions"),
     Algorithm("terrain", "town", "Terrain between the buildings", "town.terrain:TerrainOptions"),
-    Algorithm("building_hulls", "town", "Ground and height of each building", "town.hulls:HullOptions", also=("suggest-clicks",)),
+    Algorithm("building_hulls", "town", "Ground and height of each building", "town.hulls:BuildingHullOptions", also=("suggest-clicks",)),
     Algorithm("building_search", "town", "Buildings in the sparse points alone", "town.find:OutlineOptions", also=("suggest-clicks",)),
     Algorithm("building_views", "town", "Choice of photos for each building", "town.view_selection:BuildingViewOptions", also=("suggest-clicks",)),
     Algorithm("suggested_clicks", "town", "Clicks from sparse points and hulls", "town.clicks:ClickOptions", also=("suggest-clicks",)),

@@ -29,7 +29,7 @@ _HEADERS = 12  # photos whose headers are read for the usual size
 
 
 @dataclass(frozen=True)
-class Photos:
+class PhotoSummary:
     """Number and size of the photos of a scene.
 
     Attributes:
@@ -58,7 +58,7 @@ class Estimate:
         return max(self.memory, key=lambda stage: self.memory[stage])
 
 
-def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
+def inspect_photos(source: Path, exclude: Path | None = None) -> PhotoSummary:
     """Find number and size of a scene's photos; only headers are read.
 
     Args:
@@ -84,16 +84,16 @@ def inspect_photos(source: Path, exclude: Path | None = None) -> Photos:
     if not looked_at:
         raise BadInput(str(infos[0]))
     long, short = (np.median([f((i.width, i.height)) for i in looked_at]) for f in (max, min))
-    return Photos(len(paths), (int(long), int(short)), model is not None)
+    return PhotoSummary(len(paths), (int(long), int(short)), model is not None)
 
 
-def with_clicks(photos: Photos, clicks: PromptsFile | None) -> Photos:
+def with_clicks(photos: PhotoSummary, clicks: PromptsFile | None) -> PhotoSummary:
     """Set the share of the building as estimated from the clicks."""
     found = None if clicks is None else building_share(clicks, photos.size)
     return photos if found is None else replace(photos, building=found)
 
 
-def quantities(config: Config, photos: Photos) -> dict[str, float]:
+def quantities(config: Config, photos: PhotoSummary) -> dict[str, float]:
     """Compute the quantities that the costs of a job depend on, name -> value, see :mod:`mgf_engine.costs`."""
     count = min(photos.count, config.max_photos or photos.count)
     long, short = photos.size
@@ -123,7 +123,7 @@ def quantities(config: Config, photos: Photos) -> dict[str, float]:
 
 def estimate(
     config: Config,
-    photos: Photos,
+    photos: PhotoSummary,
     stages: Sequence[str] = STAGE_NAMES,
     speed: float | None = None,
     budget: float = math.inf,

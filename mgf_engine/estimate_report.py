@@ -6,13 +6,13 @@ from __future__ import annotations
 from typing import Any
 
 from mgf_engine.config import Config
-from mgf_engine.estimate import Estimate, Photos, quantities
+from mgf_engine.estimate import Estimate, PhotoSummary, quantities
 from mgf_engine.memory import GB
 from mgf_engine.memory_check import shortage
 from mgf_engine.terminal import duration
 
 
-def estimate_to_dict(estimate: Estimate, config: Config, photos: Photos, budget: float) -> dict[str, Any]:
+def estimate_to_dict(estimate: Estimate, config: Config, photos: PhotoSummary, budget: float) -> dict[str, Any]:
     """Return an estimate as plain data (seconds, bytes), as ``mgf estimate --json`` prints it.
 
     Args:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from mgf_engine.config import Config
-from mgf_engine.estimate import Photos, estimate
+from mgf_engine.estimate import PhotoSummary, estimate
 from mgf_engine.memory import GB
 from mgf_engine.stages import STAGE_NAMES
 
@@ -18,7 +18,7 @@ _FEWER_GAUSSIANS = 0.75, 0.5
 _LEAST_SIDE, _SIDE_STEP, _LEAST_PHOTOS, _PHOTO_STEP = 300, 50, 20, 10
 
 
-def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
+def shortage(config: Config, photos: PhotoSummary, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
     """Say in one sentence that a job needs more memory than its budget, and what would help; empty if it fits.
 
     Args:
@@ -39,7 +39,7 @@ def shortage(config: Config, photos: Photos, budget: float, stages: Sequence[str
     )
 
 
-def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
+def remedy(config: Config, photos: PhotoSummary, budget: float, stages: Sequence[str] = STAGE_NAMES) -> str:
     """Find the smallest change of options that keeps a job below its budget, as command line flags; empty if none does.
 
     Args:
@@ -54,7 +54,7 @@ def remedy(config: Config, photos: Photos, budget: float, stages: Sequence[str] 
     return ""
 
 
-def _changes(config: Config, photos: Photos) -> Iterator[dict[str, Any]]:
+def _changes(config: Config, photos: PhotoSummary) -> Iterator[dict[str, Any]]:
     """Yield changes of options to try, in the order of their loss of quality."""
     sides = range(min(config.resolution, photos.size[0]) // _SIDE_STEP * _SIDE_STEP, _LEAST_SIDE - 1, -_SIDE_STEP)
     count = min(photos.count, config.max_photos or photos.count)

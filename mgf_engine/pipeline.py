@@ -14,7 +14,7 @@ import numpy as np
 from mgf_engine import __version__
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import Photos, estimate, inspect_photos, quantities, with_clicks
+from mgf_engine.estimate import PhotoSummary, estimate, inspect_photos, quantities, with_clicks
 from mgf_engine.job import Job
 from mgf_engine.machine_speed import StageTime, record_speed
 from mgf_engine.masks.prompts import check_prompts, no_clicks
@@ -125,7 +125,7 @@ def prepare(config: Config, reporter: Reporter) -> None:
     cv2.setRNGSeed(config.seed)
 
 
-def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | None:
+def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> PhotoSummary | None:
     """Report the expected time and memory of the stages that will run.
 
     Returns:
@@ -155,7 +155,7 @@ def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> Photos | N
     return photos
 
 
-def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> Photos:
+def _update_estimate(job: Job, photos: PhotoSummary, stages: list[str], reporter: Reporter) -> PhotoSummary:
     """Repeat the estimate with the share of the photos that the finished masks cover; returns the updated photos."""
     if not stages:
         return photos
@@ -166,7 +166,7 @@ def _update_estimate(job: Job, photos: Photos, stages: list[str], reporter: Repo
     return photos
 
 
-def _check_prompts(job: Job, photos: Photos) -> None:
+def _check_prompts(job: Job, photos: PhotoSummary) -> None:
     """Refuse unusable clicks or masks before the photos are read and their cameras found.
 
     Raises:
@@ -186,13 +186,13 @@ def _check_prompts(job: Job, photos: Photos) -> None:
     check_prompts(job.inputs.clicks, files, placed=photos.placed)
 
 
-def _with_masks(job: Job, photos: Photos) -> Photos:
+def _with_masks(job: Job, photos: PhotoSummary) -> PhotoSummary:
     """Set the share of the photos that the building fills, if the job has masks already."""
     share_of_building = job.stages.get("masks", {}).get("figures", {}).get("building")
     return photos if share_of_building is None else replace(photos, building=float(share_of_building))
 
 
-def _check_memory(job: Job, photos: Photos, stages: list[str], reporter: Reporter) -> None:
+def _check_memory(job: Job, photos: PhotoSummary, stages: list[str], reporter: Reporter) -> None:
     """Raise BadInput if the job needs more memory than the user allows; warn if it needs more than is free."""
     lacking = shortage(job.config, photos, allowed(), stages)
     if lacking and job.config.memory:
@@ -201,7 +201,7 @@ def _check_memory(job: Job, photos: Photos, stages: list[str], reporter: Reporte
         reporter.warning(lacking)
 
 
-def measure_speed(job: Job, photos: Photos) -> float | None:
+def measure_speed(job: Job, photos: PhotoSummary) -> float | None:
     """Measure the speed of this machine from a whole job on the CPU; None if the job was too short or ran on a GPU."""
     from mgf_engine.raster.device import choose_device
 

@@ -17,7 +17,7 @@ from mgf_engine.cli import main
 from mgf_engine.config import make_config
 from mgf_engine.costs import COSTS, amount, bytes_of
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import Photos, estimate, inspect_photos, quantities, with_clicks
+from mgf_engine.estimate import PhotoSummary, estimate, inspect_photos, quantities, with_clicks
 from mgf_engine.machine_speed import StageTime, known_speed, record_speed
 from mgf_engine.masks.prompts import PromptsFile
 from mgf_engine.memory import GB
@@ -25,11 +25,11 @@ from mgf_engine.memory_check import remedy, shortage
 from mgf_engine.messages import Reporter
 from mgf_engine.stages import STAGE_NAMES
 
-SOUTH, HERZJESU, WHITE = Photos(64, (1000, 747)), Photos(25, (1000, 667)), Photos(40, (750, 500))
-SOUTH100 = Photos(100, (1000, 750), placed=False)
-SMOKE, DEMO = Photos(24, (320, 213)), Photos(30, (480, 320))
-SLATE, SHEET, TOWER = Photos(35, (500, 333)), Photos(36, (500, 333)), Photos(36, (600, 400))
-TILES = Photos(30, (530, 353))
+SOUTH, HERZJESU, WHITE = PhotoSummary(64, (1000, 747)), PhotoSummary(25, (1000, 667)), PhotoSummary(40, (750, 500))
+SOUTH100 = PhotoSummary(100, (1000, 750), placed=False)
+SMOKE, DEMO = PhotoSummary(24, (320, 213)), PhotoSummary(30, (480, 320))
+SLATE, SHEET, TOWER = PhotoSummary(35, (500, 333)), PhotoSummary(36, (500, 333)), PhotoSummary(36, (600, 400))
+TILES = PhotoSummary(30, (530, 353))
 QUICK, STANDARD = ({"preset": preset, "texture": False} for preset in ("quick", "standard"))
 ORDERED = {**STANDARD, "matching": "sequential"}
 #: Jobs that were measured with two threads (docs/scale.md): photos, share of the building by clicks and by masks,
@@ -86,9 +86,9 @@ def _nothing_learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_photos_of_a_scene_are_counted_without_reading_them(house: House, tmp_path: Path) -> None:
-    assert inspect_photos(house.folder) == Photos(14, (240, 180))
+    assert inspect_photos(house.folder) == PhotoSummary(14, (240, 180))
     shutil.copytree(house.folder / "images", tmp_path / "photos")
-    assert inspect_photos(tmp_path / "photos") == Photos(14, (240, 180), placed=False)
+    assert inspect_photos(tmp_path / "photos") == PhotoSummary(14, (240, 180), placed=False)
 
 
 def test_damaged_photos_do_not_keep_the_others_from_being_counted(house: House, tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ def test_damaged_photos_do_not_keep_the_others_from_being_counted(house: House, 
     shutil.copytree(house.folder, scene)
     first, *others = sorted((scene / "images").iterdir())
     first.write_bytes(b"no picture")
-    assert inspect_photos(scene) == Photos(14, (240, 180))
+    assert inspect_photos(scene) == PhotoSummary(14, (240, 180))
     for path in others:
         path.write_bytes(b"no picture")
     with pytest.raises(BadInput, match=f"{first.name}' cannot be read as JPEG"):
@@ -105,7 +105,11 @@ def test_damaged_photos_do_not_keep_the_others_from_being_counted(house: House, 
 
 @pytest.mark.parametrize(("photos", "shares", "given", "took", "peaks"), MEASURED)
 def test_measured_jobs(
-    photos: Photos, shares: tuple[float, float], given: dict, took: tuple[float, ...], peaks: tuple[float, ...] | None
+    photos: PhotoSummary,
+    shares: tuple[float, float],
+    given: dict,
+    took: tuple[float, ...],
+    peaks: tuple[float, ...] | None,
 ) -> None:
     """Each stage within 1.6 times once there are masks; from clicks alone all stages together within 1.4 times."""
     config = make_config({"threads": 2, **given})
@@ -125,7 +129,7 @@ def test_measured_jobs(
 
 @pytest.mark.parametrize(("photos", "shares", "took", "peaks"), OF_THE_PAPER)
 def test_measured_jobs_of_the_paper(
-    photos: Photos, shares: tuple[float, float], took: tuple[float, ...], peaks: tuple[float, ...]
+    photos: PhotoSummary, shares: tuple[float, float], took: tuple[float, ...], peaks: tuple[float, ...]
 ) -> None:
     """Training within 1.4 times, and the whole job, and its memory within 1.5: how many Gaussians the gradient makes
     follows the texture, so the mesh, a fiftieth to a fifteenth of the time, is not held to anything."""
@@ -139,7 +143,7 @@ def test_measured_jobs_of_the_paper(
 
 
 def test_fewer_photos_are_worked_on_at_a_time_where_memory_is_short() -> None:
-    config, photos = make_config({"threads": 16, "resolution": 3000}), Photos(12, (6000, 4000))
+    config, photos = make_config({"threads": 16, "resolution": 3000}), PhotoSummary(12, (6000, 4000))
     most, least = (max(estimate(config, photos, speed=1.0, budget=b).memory.values()) for b in (1e12, 0.0))
     assert most > 2 * least
     between = 0.5 * (least + most)
@@ -151,7 +155,7 @@ def test_the_clicks_tell_how_much_the_building_fills(house: House, tmp_path: Pat
     def clicks(text: str) -> PromptsFile:
         return PromptsFile(tmp_path / "prompts.json", text.encode())
 
-    photos = Photos(14, (1000, 800))
+    photos = PhotoSummary(14, (1000, 800))
     spread = '{"a": {"positive": [[100, 100], [900, 120], [500, 700], [480, 400]], "negative": [[30, 780]]}}'
     close = '{"a": {"positive": [[450, 390], [550, 400], [500, 450]], "negative": [[30, 780]]}}'
     large, small = with_clicks(photos, clicks(spread)).building, with_clicks(photos, clicks(close)).building
@@ -164,7 +168,7 @@ def test_the_clicks_tell_how_much_the_building_fills(house: House, tmp_path: Pat
 
 
 def test_every_term_names_quantities_that_are_known() -> None:
-    known = quantities(make_config(), Photos(50, (4000, 3000)))
+    known = quantities(make_config(), PhotoSummary(50, (4000, 3000)))
     for stage in STAGE_NAMES:
         for kind in ("cpu", "bytes"):
             assert amount(COSTS["stages"][stage][kind], known) > 0
@@ -172,23 +176,23 @@ def test_every_term_names_quantities_that_are_known() -> None:
 
 
 def test_more_work_takes_longer_and_more_memory() -> None:
-    def of(photos: Photos, **given: object) -> tuple[float, float]:
+    def of(photos: PhotoSummary, **given: object) -> tuple[float, float]:
         found = estimate(make_config(given), photos, speed=1.0)
         return sum(found.seconds.values()), max(found.memory.values())
 
-    few, many = of(Photos(20, (4000, 3000))), of(Photos(80, (4000, 3000)))
+    few, many = of(PhotoSummary(20, (4000, 3000))), of(PhotoSummary(80, (4000, 3000)))
     assert many[0] > few[0] and many[1] > few[1]
-    fine = of(Photos(20, (4000, 3000)), preset="fine")
+    fine = of(PhotoSummary(20, (4000, 3000)), preset="fine")
     assert fine[0] > 2 * few[0] and fine[1] > few[1]
-    assert of(Photos(20, (4000, 3000)), threads=8)[0] < 0.8 * of(Photos(20, (4000, 3000)), threads=2)[0]
-    assert of(Photos(20, (4000, 3000), placed=False))[0] > few[0] + 10
-    assert of(Photos(500, (4000, 3000)), max_photos=80)[1] == many[1]
-    assert of(Photos(20, (480, 320)))[0] < few[0]  # small photos are not enlarged
+    assert of(PhotoSummary(20, (4000, 3000)), threads=8)[0] < 0.8 * of(PhotoSummary(20, (4000, 3000)), threads=2)[0]
+    assert of(PhotoSummary(20, (4000, 3000), placed=False))[0] > few[0] + 10
+    assert of(PhotoSummary(500, (4000, 3000)), max_photos=80)[1] == many[1]
+    assert of(PhotoSummary(20, (480, 320)))[0] < few[0]  # small photos are not enlarged
 
 
 @pytest.mark.parametrize("share", [0.9, 0.6, 0.4])
 def test_the_remedy_makes_it_fit_and_a_milder_one_would_not(share: float) -> None:
-    config, photos = make_config({"preset": "fine"}), Photos(120, (6000, 4000))
+    config, photos = make_config({"preset": "fine"}), PhotoSummary(120, (6000, 4000))
     budget = share * max(estimate(config, photos, speed=1.0).memory.values())
     flags = remedy(config, photos, budget)
     given = {name.replace("-", "_"): value for name, value in re.findall(r"--([a-z-]+) (\d+)", flags)}
@@ -201,7 +205,7 @@ def test_the_remedy_makes_it_fit_and_a_milder_one_would_not(share: float) -> Non
 
 
 def test_nothing_helps_below_what_the_engine_itself_takes() -> None:
-    text = shortage(make_config(), Photos(60, (4000, 3000)), 0.1 * GB)
+    text = shortage(make_config(), PhotoSummary(60, (4000, 3000)), 0.1 * GB)
     assert "no option would make it fit: allow more with --memory" in text
 
 
@@ -271,7 +275,7 @@ def test_the_command_prints_a_table_or_data(house: House, capsys) -> None:
 
 
 def test_it_learns_the_speed_of_the_machine(tmp_path: Path) -> None:
-    config, photos = make_config({"threads": 2}), Photos(20, (4000, 3000))
+    config, photos = make_config({"threads": 2}), PhotoSummary(20, (4000, 3000))
     usual = estimate(config, photos, speed=1.0).seconds
     asked = quantities(config, photos)
 

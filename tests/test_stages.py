@@ -74,7 +74,7 @@ with job.Job.start(source / "job", source) as work:
     lost = work.missing_results("weigh")
 with job.Job.start(source / "job", user_options={"seed": 5}, resume=True) as work:
     kept_key = work.keys["weigh"] == keys["weigh"]
-photos = estimate.Photos(10, (400, 300))
+photos = estimate.PhotoSummary(10, (400, 300))
 print(json.dumps({
     "names": list(pipeline.STAGE_NAMES), "files": files, "done": done, "figures": figures, "lost": sorted(lost),
     "kept_key": kept_key, "log": lines, "linked": linked,

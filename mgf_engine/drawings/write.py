@@ -20,7 +20,7 @@ from mgf_engine.drawings.quantities import (
 from mgf_engine.drawings.sheets import Sheet, choose_scale, fitting_scale, north_in, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.drawings.work import Work
-from mgf_engine.masks.store import write_png
+from mgf_engine.masks.store import write_image
 
 FORMAT = 1  # of drawings.json
 #: Marks of the section in the job's report.
@@ -99,7 +99,7 @@ def write_deviation(work: Work, deviation: NDArray[np.float32], grid: Grid) -> N
     name = f"deviation-{grid.frame.name}"
     write_geotiff(work.add(f"{name}.tif", **facts), deviation, grid, work.survey, {"KIND": "deviation"})
     picture = cv2.cvtColor(deviation_picture(deviation, small_unit(work.survey)), cv2.COLOR_RGBA2BGRA)
-    write_png(work.add(f"{name}.png", **facts), np.asarray(picture, np.uint8))
+    write_image(work.add(f"{name}.png", **facts), np.asarray(picture, np.uint8))
 
 
 def write_page(work: Work) -> None:
@@ -148,7 +148,7 @@ def write_orthophoto(work: Work, image: NDArray[np.uint8], grid: Grid) -> None:
         "width": grid.width, "height": grid.height, "covered": round(float((image[..., 3] > 0).mean()), 4),
     }  # fmt: skip
     write_geotiff(work.add(f"{name}.tif", **facts), image, grid, work.survey, {"KIND": "orthophoto"})
-    write_png(work.add(f"{name}.png", **facts), np.ascontiguousarray(cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA)))
+    write_image(work.add(f"{name}.png", **facts), np.ascontiguousarray(cv2.cvtColor(image, cv2.COLOR_RGBA2BGRA)))
 
 
 def index_of(work: Work) -> dict[str, Any]:

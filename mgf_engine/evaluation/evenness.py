@@ -48,7 +48,7 @@ class EvennessOptions:
 
 
 @dataclass(frozen=True)
-class Plane:
+class PlaneEvenness:
     """One plane: share of the mesh's area, RMS distance of what lies in it (ground pixels), median and 90 % of the
     angle between its faces and it (degrees).
     """
@@ -64,20 +64,20 @@ class Evenness:
     """The largest planes of a mesh, the largest first; ``ground_pixel`` is the length of a pixel, units of the mesh."""
 
     ground_pixel: float
-    planes: tuple[Plane, ...]
+    planes: tuple[PlaneEvenness, ...]
 
     @property
-    def mean(self) -> Plane | None:
+    def mean(self) -> PlaneEvenness | None:
         """What all planes share of the mesh, and the means of their measures weighted by area; None without any."""
         if not self.planes:
             return None
         values = np.array([(plane.rms, plane.angle_median, plane.angle_90) for plane in self.planes])
         shares = [plane.share for plane in self.planes]
         rms, median, most = np.average(values, axis=0, weights=shares).tolist()
-        return Plane(sum(shares), rms, median, most)
+        return PlaneEvenness(sum(shares), rms, median, most)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON: ``mean`` (or null) and ``planes``, each as :class:`Plane`, and
+        """Return plain data for JSON: ``mean`` (or null) and ``planes``, each as :class:`PlaneEvenness`, and
         ``ground_pixel``."""
         mean = None if self.mean is None else asdict(self.mean)
         return {"ground_pixel": self.ground_pixel, "mean": mean, "planes": [asdict(plane) for plane in self.planes]}
@@ -104,7 +104,7 @@ def measure_evenness(
     points, face = mesh.sample(samples, rng)
     points = points - points.mean(0)
     normals = mesh.normals(face)
-    left, planes = np.arange(samples), list[Plane]()
+    left, planes = np.arange(samples), list[PlaneEvenness]()
     while len(planes) < options.planes and len(left) >= max(options.least_share * samples, 3):
         centre, normal, held = _largest_plane(points[left], ground_pixel, rng, options)
         if len(held) < 3:
@@ -113,7 +113,7 @@ def measure_evenness(
         away = (points[held] - centre) @ normal
         angles = np.degrees(np.arccos(np.clip(np.abs(normals[held] @ normal), 0.0, 1.0)))
         planes.append(
-            Plane(
+            PlaneEvenness(
                 len(held) / samples, float(np.sqrt((away**2).mean())) / ground_pixel,
                 float(np.median(angles)), float(np.percentile(angles, 90)),
             )

@@ -13,7 +13,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CHECK, CHECK_WORDS, CONTROL
 from mgf_engine.georef.options import ScaleBarOptions
 from mgf_engine.georef.tables import number_in, read_table
-from mgf_engine.georef.triangulate import Placed
+from mgf_engine.georef.triangulate import TriangulatedPoint
 
 _COLUMNS = {
     "first": ("from", "first", "a", "start", "point1", "pointa"),
@@ -79,7 +79,7 @@ def read_bars(path: Path, options: ScaleBarOptions = ScaleBarOptions()) -> tuple
 
 def measure_bars(
     bars: Sequence[Bar],
-    placed: Mapping[str, Placed],
+    placed: Mapping[str, TriangulatedPoint],
     scale: float | None,
     options: ScaleBarOptions = ScaleBarOptions(),
 ) -> tuple[float, list[BarRow]]:

@@ -27,7 +27,7 @@ from mgf_engine.georef.control import CONTROL, Control
 from mgf_engine.georef.crs import SURVEY
 from mgf_engine.georef.fit_control import ControlFit, mark_error
 from mgf_engine.georef.options import ControlAdjustmentOptions, GeoreferenceOptions
-from mgf_engine.georef.triangulate import Placed
+from mgf_engine.georef.triangulate import TriangulatedPoint
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.adjust import choose_observations
@@ -53,7 +53,7 @@ class PlacedControl:
     """
 
     control: Control
-    placed: dict[str, Placed]
+    placed: dict[str, TriangulatedPoint]
     fit: ControlFit
 
 

@@ -15,7 +15,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import Control, Mark, Point
 from mgf_engine.georef.crs import Projection, enu
 from mgf_engine.georef.options import MarkOptions
-from mgf_engine.georef.triangulate import Placed, outlier_limits, project_point
+from mgf_engine.georef.triangulate import TriangulatedPoint, outlier_limits, project_point
 from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
@@ -128,7 +128,7 @@ def check_marks(scene: Scene, control: Control) -> None:
 
 
 def wrong_marks(
-    scene: Scene, control: Control, placed: dict[str, Placed], options: MarkOptions = MarkOptions()
+    scene: Scene, control: Control, placed: dict[str, TriangulatedPoint], options: MarkOptions = MarkOptions()
 ) -> list[str]:
     """Describe the marks that the other marks of their points contradict, each with a guess of the mistake; many in
     one sentence.
@@ -157,7 +157,7 @@ def wrong_marks(
 
 
 def _wrong_mark_text(
-    scene: Scene, name: str, mark: Mark, away: float, placed: dict[str, Placed], options: MarkOptions
+    scene: Scene, name: str, mark: Mark, away: float, placed: dict[str, TriangulatedPoint], options: MarkOptions
 ) -> str:
     """Return a sentence on a mark that the others contradict, with the point that it fits, if there is one.
 
@@ -179,7 +179,7 @@ def _wrong_mark_text(
     )
 
 
-def _point_at(scene: Scene, mark: Mark, placed: dict[str, Placed], options: MarkOptions) -> str | None:
+def _point_at(scene: Scene, mark: Mark, placed: dict[str, TriangulatedPoint], options: MarkOptions) -> str | None:
     """Return the point that appears where a mark is."""
     view = scene.views[mark.view]
     best, nearest = None, float(outlier_limits([view], options)[0])

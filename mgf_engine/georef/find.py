@@ -23,7 +23,7 @@ from mgf_engine.georef.gps import Place, read_place
 from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import Direction, matrix_of
-from mgf_engine.georef.triangulate import Placed, place_points
+from mgf_engine.georef.triangulate import TriangulatedPoint, place_points
 from mgf_engine.model.scene import Scene, Similarity
 from mgf_engine.scene.gravity import UpDirection, find_up
 
@@ -49,7 +49,7 @@ class GeoreferenceFit:
     georeference: Georeference
     up: UpDirection
     control: ControlFit | None = None
-    placed: dict[str, Placed] | None = None
+    placed: dict[str, TriangulatedPoint] | None = None
     bars: tuple[BarRow, ...] = ()
     gps: GpsFit | None = None
     gps_views: tuple[int, ...] = ()
@@ -88,7 +88,7 @@ def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable
 
 def _marked(
     scene: Scene, options: GeoreferenceOptions, warn: Callable[[str], None]
-) -> tuple[Control, dict[str, Placed], dict[str, str]]:
+) -> tuple[Control, dict[str, TriangulatedPoint], dict[str, str]]:
     """Return the user's points, and marked points in the normalised frame."""
     names = [view.name for view in scene.views]
     marks = Path(options.marks) if options.marks else None
@@ -127,7 +127,7 @@ def _projection(options: GeoreferenceOptions, control: Control, known: Array) ->
 def _by_control(
     scene: Scene,
     control: Control,
-    placed: dict[str, Placed],
+    placed: dict[str, TriangulatedPoint],
     failed: dict[str, str],
     projection: Projection | None,
     up: UpDirection,
@@ -277,7 +277,7 @@ def _upright(scene: Scene, up: UpDirection, scale: float | None = None) -> Geore
 
 
 def _with_bars(
-    scene: Scene, fit: GeoreferenceFit, placed: dict[str, Placed], options: GeoreferenceOptions
+    scene: Scene, fit: GeoreferenceFit, placed: dict[str, TriangulatedPoint], options: GeoreferenceOptions
 ) -> GeoreferenceFit:
     """Take the scale from scale bars where no control points give it; there, only measure the bars."""
     bars, now = read_bars(Path(options.scale_bars), options.bar), fit.georeference

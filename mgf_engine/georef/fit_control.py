@@ -13,7 +13,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CONTROL, Point
 from mgf_engine.georef.options import ControlPointOptions
 from mgf_engine.georef.similarity import LINE, adjusted, applied, consensus, straightness, umeyama
-from mgf_engine.georef.triangulate import Placed
+from mgf_engine.georef.triangulate import TriangulatedPoint
 from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class ControlFit:
 def fit_control(
     scene: Scene,
     points: Sequence[Point],
-    placed: Mapping[str, Placed],
+    placed: Mapping[str, TriangulatedPoint],
     failed: Mapping[str, str],
     up: Array | None,
     options: ControlPointOptions = ControlPointOptions(),
@@ -112,7 +112,7 @@ def fit_control(
 
 def control_rows(
     points: Sequence[Point],
-    placed: Mapping[str, Placed],
+    placed: Mapping[str, TriangulatedPoint],
     failed: Mapping[str, str],
     matrix: Array,
     offset: Array,
@@ -192,7 +192,7 @@ def _misfit_text(
     )
 
 
-def mark_error(scene: Scene, placed: Placed, sd: float) -> float:
+def mark_error(scene: Scene, placed: TriangulatedPoint, sd: float) -> float:
     """Estimate the error of a point, normalised units, from errors of its marks of ``sd`` px of the photos as taken."""
     kept = [mark.view for mark, ok in zip(placed.marks, placed.good, strict=True) if ok]
     views = [scene.views[index] for index in kept]

@@ -23,7 +23,7 @@ from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import applied
-from mgf_engine.georef.triangulate import Placed, place_points, project_point
+from mgf_engine.georef.triangulate import TriangulatedPoint, place_points, project_point
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.store import read_scene
@@ -69,7 +69,7 @@ def write_places(job: Path, user_options: Mapping[str, Any], out: Path, reporter
 def known_places(
     scene: Scene,
     control: Control,
-    placed: Mapping[str, Placed],
+    placed: Mapping[str, TriangulatedPoint],
     failed: Mapping[str, str],
     georeference: Georeference,
     options: GeoreferenceOptions,
@@ -130,7 +130,9 @@ def _by_georeference(at: Array, georeference: Georeference, crs: str) -> Array |
     return georeference.scene(enu(places, np.array(georeference.origin)))
 
 
-def _entry(scene: Scene, point: Point, placed: Placed | None, known: tuple[Array, str, float] | None) -> dict[str, Any]:
+def _entry(
+    scene: Scene, point: Point, placed: TriangulatedPoint | None, known: tuple[Array, str, float] | None
+) -> dict[str, Any]:
     """Return a point as the file has it: photos that should show it, with x, y and the radius to look within, in
     pixels."""
     photos = {}

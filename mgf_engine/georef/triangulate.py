@@ -20,7 +20,7 @@ _MOST_PAIRS = 200  # of marks that are tried, for a bounded time
 
 
 @dataclass(frozen=True)
-class Placed:
+class TriangulatedPoint:
     """A marked point in the scene.
 
     Attributes:
@@ -45,13 +45,13 @@ class Placed:
 
 def place_points(
     scene: Scene, marks: Sequence[Mark], options: MarkOptions = MarkOptions()
-) -> tuple[dict[str, Placed], dict[str, str]]:
+) -> tuple[dict[str, TriangulatedPoint], dict[str, str]]:
     """Triangulate every marked point.
 
     Returns:
         The placed points by name, and for the others why they cannot be placed.
     """
-    placed, failed = dict[str, Placed](), dict[str, str]()
+    placed, failed = dict[str, TriangulatedPoint](), dict[str, str]()
     for name in dict.fromkeys(mark.point for mark in marks):
         own = tuple(mark for mark in marks if mark.point == name)
         found = triangulate(scene, own, options)
@@ -62,7 +62,7 @@ def place_points(
     return placed, failed
 
 
-def triangulate(scene: Scene, marks: tuple[Mark, ...], options: MarkOptions = MarkOptions()) -> Placed | str:
+def triangulate(scene: Scene, marks: tuple[Mark, ...], options: MarkOptions = MarkOptions()) -> TriangulatedPoint | str:
     """Triangulate one point from its marks, or return why that cannot be done."""
     if len({mark.view for mark in marks}) < 2:
         return "marked in one photo only"
@@ -92,7 +92,7 @@ def triangulate(scene: Scene, marks: tuple[Mark, ...], options: MarkOptions = Ma
             return "its marks contradict each other"
         best = refine(best, views, marks, good)
         good = np.linalg.norm(residuals_of(views, marks, best), axis=1) < limit
-    return Placed(marks[0].point, best, marks, residuals_of(views, marks, best), good)
+    return TriangulatedPoint(marks[0].point, best, marks, residuals_of(views, marks, best), good)
 
 
 def outlier_limits(views: Sequence[View], options: MarkOptions = MarkOptions()) -> Array:

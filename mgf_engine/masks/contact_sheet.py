@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.store import write_png
+from mgf_engine.masks.store import write_image
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
@@ -45,7 +45,7 @@ def write_contact_sheet(
     tiles = [np.pad(t, ((0, height - t.shape[0]), (0, 0), (0, 0))) for t in tiles]
     tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
-    write_png(path, np.vstack(rows))
+    write_image(path, np.vstack(rows))
 
 
 def _tile(photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note: str, used: bool) -> NDArray[np.uint8]:

@@ -36,7 +36,7 @@ from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regi
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_clicked_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
 from mgf_engine.masks.segmenters.download import default_folder
-from mgf_engine.masks.store import write_png
+from mgf_engine.masks.store import write_image
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.native.parallel import parallel_map
@@ -69,7 +69,7 @@ def preview_command(args: argparse.Namespace) -> int:
         print(f"Warning: {text}", file=sys.stderr)
     mask, score = preview(args.scene, args.prompts, args.image, config)
     try:
-        write_png(args.out, np.where(mask, 255, 0).astype(np.uint8))
+        write_image(args.out, np.where(mask, 255, 0).astype(np.uint8))
     except OSError as error:
         raise BadInput(f"Cannot write the mask '{args.out}' ({error.strerror}); give another place.") from error
     print(f"Mask of '{args.image}': {mask.mean():.0%} of the photo, score {score:.2f}, "

@@ -61,7 +61,7 @@ def save_masks(
     for path in (folder / "labels").glob("*.png"):
         if f"labels/{path.name}" not in files:
             path.unlink()
-    for _ in parallel_map(lambda i: write_png(folder / files[i], masks.labels[i]), range(len(files)), threads):
+    for _ in parallel_map(lambda i: write_image(folder / files[i], masks.labels[i]), range(len(files)), threads):
         pass
     with atomic_path(folder / "points.bin") as temporary:
         temporary.write_bytes(masks.point_mask.astype(np.uint8).tobytes())
@@ -126,7 +126,7 @@ def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
     return tuple(c.astype(np.float32) for c in clicks)
 
 
-def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     """Write an image through memory, so that any path works on any system.
 
     Raises:

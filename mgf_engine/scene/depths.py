@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.neighbours import MatchingPoints
-from mgf_engine.scene.stereo import Photo, StereoOptions, pair_depth
+from mgf_engine.scene.stereo import StereoOptions, StereoPhoto, pair_depth
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Depths:
         tolerance: difference up to which two depths agree, as a share of the depth.
     """
 
-    photos: dict[int, Photo]
+    photos: dict[int, StereoPhoto]
     neighbours: dict[int, list[int]]
     maps: dict[int, NDArray[np.float32]]
     tolerance: float
@@ -117,7 +117,7 @@ def match_photos(
     """
     scene, views = points.scene, points.views
 
-    def read_photo(i: int) -> Photo:
+    def read_photo(i: int) -> StereoPhoto:
         photo = photo_at(scene, i, inside and inside(i), matching.longest_side)
         if matching.blur <= 0:
             return photo
@@ -145,7 +145,7 @@ def match_photos(
     return Depths(photos, chosen, maps, tolerance)
 
 
-def photo_at(scene: Scene, index: int, inside: NDArray[np.bool_] | None, longest_side: int) -> Photo:
+def photo_at(scene: Scene, index: int, inside: NDArray[np.bool_] | None, longest_side: int) -> StereoPhoto:
     """Read the photo of a view for stereo.
 
     Args:
@@ -164,7 +164,7 @@ def photo_at(scene: Scene, index: int, inside: NDArray[np.bool_] | None, longest
         wanted = np.asarray(cv2.resize(wanted, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     sx, sy = size[0] / view.width, size[1] / view.height
     intrinsics = np.array([[view.fx * sx, 0, view.cx * sx], [0, view.fy * sy, view.cy * sy], [0, 0, 1]])
-    return Photo(view, grey, wanted > 0, intrinsics)
+    return StereoPhoto(view, grey, wanted > 0, intrinsics)
 
 
 def _merge(depths: list[NDArray[np.float32]], tolerance: float) -> NDArray[np.float32]:

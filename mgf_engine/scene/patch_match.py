@@ -21,7 +21,7 @@ from mgf_engine.native.library import parallel
 from mgf_engine.scene.depths import Depths
 from mgf_engine.scene.kernel_photos import photo_struct
 from mgf_engine.scene.neighbours import MatchingPoints, NeighbourOptions
-from mgf_engine.scene.stereo import Photo
+from mgf_engine.scene.stereo import StereoPhoto
 
 REACH = 5  # px from a pixel to the farthest whose plane it tries; as in csrc/stereo/patch_match.c
 #: struct Search of csrc/stereo/patch_match.c
@@ -133,7 +133,7 @@ def improve_depths(
 
 
 def _begin(
-    photo: Photo, depth: Array | None, points: NDArray[np.float64], options: PatchMatchOptions, seed: int
+    photo: StereoPhoto, depth: Array | None, points: NDArray[np.float64], options: PatchMatchOptions, seed: int
 ) -> PixelPlanes | None:
     """Start from a depth map, and at random where it is unknown; None without sparse points or wanted pixels."""
     z = points @ photo.view.rotation[2] + photo.view.translation[2]
@@ -156,9 +156,13 @@ def _begin(
 
 
 def _search(
-    photo: Photo, others: Sequence[Photo], depths: Sequence[Array] | None, planes: PixelPlanes, rounds: range,
+    photo: StereoPhoto,
+    others: Sequence[StereoPhoto],
+    depths: Sequence[Array] | None,
+    planes: PixelPlanes,
+    rounds: range,
     options: PatchMatchOptions,
-) -> None:  # fmt: skip
+) -> None:
     """Move the planes of a photo, one colour of the checkerboard after the other.
 
     Args:
@@ -187,7 +191,7 @@ def _search(
 
 
 def search_struct(
-    photo: Photo, bounds: tuple[float, float], others: int, number: int, colour: int, consistent: bool,
+    photo: StereoPhoto, bounds: tuple[float, float], others: int, number: int, colour: int, consistent: bool,
     options: PatchMatchOptions,
 ) -> NDArray[np.void]:  # fmt: skip
     """Return the options of half a round as the kernel takes them.

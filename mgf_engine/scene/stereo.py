@@ -57,7 +57,7 @@ class StereoOptions:
 
 
 @dataclass(frozen=True)
-class Photo:
+class StereoPhoto:
     """A view's photo at the resolution that stereo works at, with its intrinsics there.
 
     Attributes:
@@ -86,7 +86,7 @@ class Photo:
 
 
 def pair_depth(
-    first: Photo, second: Photo, points: NDArray[np.float64], options: StereoOptions = StereoOptions()
+    first: StereoPhoto, second: StereoPhoto, points: NDArray[np.float64], options: StereoOptions = StereoOptions()
 ) -> NDArray[np.float32] | None:
     """Compute the depth of one photo by matching it with another.
 
@@ -123,7 +123,7 @@ def pair_depth(
 
 
 def _rectified(
-    first: Photo, second: Photo, rotation: NDArray[np.float64], focal: float, options: StereoOptions
+    first: StereoPhoto, second: StereoPhoto, rotation: NDArray[np.float64], focal: float, options: StereoOptions
 ) -> tuple[_Frame, _Frame] | None:
     """Make the rectified pair, whose rows show the same; None where a photo is turned too far for that."""
     left, right = (_Frame.around(photo, rotation, focal, options) for photo in (first, second))
@@ -149,7 +149,7 @@ class _Frame:
     Pixel (x, y) of the picture is the direction ``((x + 0.5 + left) / focal, (y + 0.5 + top) / focal, 1)``.
     """
 
-    photo: Photo
+    photo: StereoPhoto
     rotation: NDArray[np.float64]
     focal: float
     left: int
@@ -158,7 +158,9 @@ class _Frame:
     height: int
 
     @classmethod
-    def around(cls, photo: Photo, rotation: NDArray[np.float64], focal: float, options: StereoOptions) -> _Frame | None:
+    def around(
+        cls, photo: StereoPhoto, rotation: NDArray[np.float64], focal: float, options: StereoOptions
+    ) -> _Frame | None:
         """Make the frame that holds the wanted pixels of ``photo``; None when the turn is too far for that."""
         rows, columns = np.nonzero(photo.inside)
         if len(rows) == 0:

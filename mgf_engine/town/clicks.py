@@ -23,7 +23,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.roots import camera_poses, sample_views
-from mgf_engine.town.hulls import Hull, HullOptions, prism
+from mgf_engine.town.hulls import BuildingHullOptions, Hull, prism
 from mgf_engine.town.view_selection import HullScene, ViewSelection
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ class ClickOptions:
         "degrees", high=360,
     )  # fmt: skip
     neighbour: float = parameter(1.0, "Distance to a neighbour within which a point may belong to either", "m")
-    hulls: HullOptions = HullOptions()
+    hulls: BuildingHullOptions = BuildingHullOptions()
 
 
 @dataclass(frozen=True)

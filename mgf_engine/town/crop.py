@@ -10,7 +10,7 @@ import numpy as np
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.town.hulls import Hull
-from mgf_engine.town.place import Placed
+from mgf_engine.town.place import PlacedFootprints
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class BuildingBoxOptions:
 
 
 def crop_box(
-    hull: Hull, polygons: dict[str, Any], placed: Placed, options: BuildingBoxOptions = BuildingBoxOptions()
+    hull: Hull, polygons: dict[str, Any], placed: PlacedFootprints, options: BuildingBoxOptions = BuildingBoxOptions()
 ) -> str:
     """Make the crop box of a building, as the option ``crop_box`` takes it (scene frame).
 

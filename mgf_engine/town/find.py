@@ -18,8 +18,8 @@ from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.model.scene import Scene
 from mgf_engine.town.footprints import Footprints
-from mgf_engine.town.hulls import HullOptions
-from mgf_engine.town.place import Placed, local_points, place_scene
+from mgf_engine.town.hulls import BuildingHullOptions
+from mgf_engine.town.place import PlacedFootprints, local_points, place_scene
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class OutlineOptions:
     )
     stray_neighbours: int = parameter(20, "Number of neighbours that the height of a point is compared with", low=1)
     stray_depth: float = parameter(0.8, "Depth below its neighbours from which a point is a wrong match", "m")
-    hulls: HullOptions = HullOptions()
+    hulls: BuildingHullOptions = BuildingHullOptions()
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def _fill_gaps(points: Array, cell: float, gap: int) -> tuple[NDArray[np.int64],
 
 def find_buildings(
     scene: Scene, config: Config, warn: Callable[[str], None] = lambda text: None
-) -> tuple[Footprints, Placed]:
+) -> tuple[Footprints, PlacedFootprints]:
     """Find outlines of buildings in the sparse points, for a scene without a map.
 
     Returns:
@@ -215,4 +215,4 @@ def find_buildings(
     if not georeference.metric:
         note += f" Nothing tells the scale: a metre is taken as {metre:.3g} units of the scene."
     footprints = Footprints(ids, polygons, georeference.crs, 0, Path("--find"))
-    return footprints, Placed(georeference, polygons, metre, georeference.crs, note)
+    return footprints, PlacedFootprints(georeference, polygons, metre, georeference.crs, note)

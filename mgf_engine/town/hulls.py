@@ -21,7 +21,7 @@ UNMAPPED = "not in the map"
 
 
 @dataclass(frozen=True)
-class HullOptions:
+class BuildingHullOptions:
     """Options of the hulls of buildings."""
 
     slack: float = parameter(0.6, "Largest error of a footprint", "m")
@@ -56,7 +56,11 @@ class Hull:
 
 
 def make_hulls(
-    ids: Sequence[str], polygons: NDArray[np.object_], points: Array, metre: float, options: HullOptions = HullOptions()
+    ids: Sequence[str],
+    polygons: NDArray[np.object_],
+    points: Array,
+    metre: float,
+    options: BuildingHullOptions = BuildingHullOptions(),
 ) -> list[Hull]:
     """Make a hull for each footprint.
 
@@ -84,7 +88,7 @@ def make_hulls(
 
 
 def _hull(
-    name: str, polygon: Any, ring: Array, inside: Array, usual: float, metre: float, options: HullOptions
+    name: str, polygon: Any, ring: Array, inside: Array, usual: float, metre: float, options: BuildingHullOptions
 ) -> Hull:
     """Make the hull of a footprint from the heights of the points around it and on it.
 

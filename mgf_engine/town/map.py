@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mgf_engine.model.scene import Scene
 from mgf_engine.system import atomic_path
 from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN
-from mgf_engine.town.place import Placed, local_points
+from mgf_engine.town.place import PlacedFootprints, local_points
 
 #: Colour of each state, also of the page.
 COLORS = {READY: "#2b8a3e", BY_HAND: "#1864ab", DOUBTFUL: "#e67700", GONE: "#c92a2a", UNSEEN: "#868e96",
@@ -20,7 +20,7 @@ COLORS = {READY: "#2b8a3e", BY_HAND: "#1864ab", DOUBTFUL: "#e67700", GONE: "#c92
 _MOST_POINTS = 60_000
 
 
-def draw_map(path: Path, scene: Scene, placed: Placed, outlines: list[tuple[str, str, Any]]) -> None:
+def draw_map(path: Path, scene: Scene, placed: PlacedFootprints, outlines: list[tuple[str, str, Any]]) -> None:
     """Write the map of a scene as PNG.
 
     Args:

@@ -36,7 +36,7 @@ _PAIRS = ("east", "north", "height", "x", "y", "z")
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedFootprints:
     """Footprints in the local frame of a scene.
 
     Attributes:
@@ -71,7 +71,7 @@ def place_footprints(
     crs: str = "",
     pairs: Path | None = None,
     warn: Callable[[str], None] = lambda text: None,
-) -> Placed:
+) -> PlacedFootprints:
     """Bring footprints to the scene.
 
     Args:
@@ -136,7 +136,7 @@ def _located(scene: Scene, config: Config) -> bool:
 
 def _by_georeference(
     footprints: Footprints, scene: Scene, config: Config, named: str | None, warn: Callable[[str], None]
-) -> Placed:
+) -> PlacedFootprints:
     """Place footprints by control points or GPS of the photos; ``named``: CRS of the footprints, None if unknown."""
     crs = named or (_WGS84 if _degrees(footprints.polygons) else None)
     target = config.crs or (crs if crs is not None and _in_metres(crs) else AUTO)
@@ -147,10 +147,10 @@ def _by_georeference(
     note = f"Footprints in {crs}, photos placed by {found.method}." if crs else (
         f"The footprints name no coordinate reference system; they are taken as {found.crs}."
     )  # fmt: skip
-    return Placed(found, _shifted(polygons, found.offset), 1.0, crs or found.crs, note)
+    return PlacedFootprints(found, _shifted(polygons, found.offset), 1.0, crs or found.crs, note)
 
 
-def _in_scene(footprints: Footprints, scene: Scene, config: Config, warn: Callable[[str], None]) -> Placed:
+def _in_scene(footprints: Footprints, scene: Scene, config: Config, warn: Callable[[str], None]) -> PlacedFootprints:
     """Take footprints as x and y of the scene frame; the usual width of buildings tells the length of a metre."""
     found = find_georeference(scene, replace(config.algorithm(GeoreferenceOptions), crs=""), warn).georeference
     typical = float(np.median([np.sqrt(p.area) for p in footprints.polygons]))
@@ -159,10 +159,10 @@ def _in_scene(footprints: Footprints, scene: Scene, config: Config, warn: Callab
         "Neither photos nor footprints say where they are; the footprints are taken as x and y of the scene with "
         f"z up, and a metre as {metre:.3g} of its units, for buildings are some 11 metres wide."
     )
-    return Placed(found, footprints.polygons, metre, None, note)
+    return PlacedFootprints(found, footprints.polygons, metre, None, note)
 
 
-def _by_pairs(footprints: Footprints, pairs: Array, named: str | None) -> Placed:
+def _by_pairs(footprints: Footprints, pairs: Array, named: str | None) -> PlacedFootprints:
     """Place footprints by points known in map and scene, [N, 6] (see :func:`read_pairs`)."""
     world, scene = pairs[:, :3], pairs[:, 3:]
     offset = np.round(world.mean(0))
@@ -172,7 +172,7 @@ def _by_pairs(footprints: Footprints, pairs: Array, named: str | None) -> Placed
     )
     off = np.linalg.norm(found.local(scene) - (world - offset), axis=1)
     note = f"Footprints placed by {len(pairs)} point pairs, which they fit to {off.max():.2f} m."
-    return Placed(found, _shifted(footprints.polygons, found.offset), 1.0, named, note)
+    return PlacedFootprints(found, _shifted(footprints.polygons, found.offset), 1.0, named, note)
 
 
 def read_pairs(path: Path) -> Array:
@@ -257,7 +257,7 @@ def near_scene(polygons: NDArray[np.object_], points: Array, metre: float) -> ND
     return np.asarray(shapely.intersects(polygons, area))
 
 
-def _check_near(placed: Placed, footprints: Footprints, points: Array) -> None:
+def _check_near(placed: PlacedFootprints, footprints: Footprints, points: Array) -> None:
     """Check that a footprint lies where the sparse points [P, 3] are.
 
     Raises:
@@ -283,7 +283,7 @@ def _check_near(placed: Placed, footprints: Footprints, points: Array) -> None:
     )
 
 
-def _guess(placed: Placed, footprints: Footprints, middle: Array) -> str:
+def _guess(placed: PlacedFootprints, footprints: Footprints, middle: Array) -> str:
     """Return the CRS under which the footprints would lie at the photos; empty where none is found."""
     import shapely
 

@@ -19,8 +19,18 @@ from mgf_engine.town.clicks import ClickOptions, suggest_clicks
 from mgf_engine.town.crop import BuildingBoxOptions
 from mgf_engine.town.find import OutlineOptions, find_outlines
 from mgf_engine.town.footprints import Footprints
-from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN, Hull, HullOptions, make_hulls
-from mgf_engine.town.place import Placed, local_points, near_scene
+from mgf_engine.town.hulls import (
+    BY_HAND,
+    DOUBTFUL,
+    GONE,
+    READY,
+    UNMAPPED,
+    UNSEEN,
+    BuildingHullOptions,
+    Hull,
+    make_hulls,
+)
+from mgf_engine.town.place import PlacedFootprints, local_points, near_scene
 from mgf_engine.town.view_selection import (
     MIN_BUILDING_PHOTOS,
     BuildingViewOptions,
@@ -47,7 +57,7 @@ class PlanOptions:
     )
     point_reach: float = parameter(15.0, "Maximum distance from a given point to the building that it means", "m")
     box: BuildingBoxOptions = BuildingBoxOptions()
-    hulls: HullOptions = HullOptions()
+    hulls: BuildingHullOptions = BuildingHullOptions()
     outlines: OutlineOptions = OutlineOptions()
     views: BuildingViewOptions = BuildingViewOptions()
     clicks: ClickOptions = ClickOptions()
@@ -89,7 +99,7 @@ class Plan:
     """
 
     scene: Scene
-    placed: Placed
+    placed: PlacedFootprints
     buildings: tuple[Building, ...]
     outside: int
     passed_over: int
@@ -118,7 +128,7 @@ def shared_scene(source: Path, folder: Path, user_options: dict[str, Any], repor
 
 def make_plan(
     scene: Scene,
-    placed: Placed,
+    placed: PlacedFootprints,
     footprints: Footprints,
     most: int,
     say: Callable[[str], None] = lambda text: None,
@@ -148,7 +158,7 @@ def make_plan(
     return Plan(scene, placed, tuple(buildings), len(footprints.ids) - len(near), footprints.passed_over, options)
 
 
-def _unmapped(placed: Placed, points: Array, hulls: Sequence[Hull], options: PlanOptions) -> list[Hull]:
+def _unmapped(placed: PlacedFootprints, points: Array, hulls: Sequence[Hull], options: PlanOptions) -> list[Hull]:
     """Make hulls of buildings that the map lacks: they hide what lies behind them, and the user should look at them."""
     import shapely
 

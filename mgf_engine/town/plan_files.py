@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config, make_config
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import Photos, estimate
+from mgf_engine.estimate import PhotoSummary, estimate
 from mgf_engine.georef.model import Georeference, write_georeference
 from mgf_engine.job import Job
 from mgf_engine.messages import Reporter
@@ -156,7 +156,7 @@ def _estimate(scene: Scene, building: Building, options: dict[str, Any]) -> dict
     config: Config = make_config(options)
     sizes = Counter((view.original_width, view.original_height) for view in scene.views)
     width, height = sizes.most_common(1)[0][0]
-    photos = Photos(
+    photos = PhotoSummary(
         len(building.choice.photos), (max(width, height), min(width, height)), True, max(0.02, building.choice.share)
     )
     found = estimate(config, photos)

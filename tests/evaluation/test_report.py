@@ -19,7 +19,7 @@ from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.confidence import ConfidenceShares
 from mgf_engine.evaluation.curve import curve_svg, smoothed
-from mgf_engine.evaluation.evenness import Evenness, Plane
+from mgf_engine.evaluation.evenness import Evenness, PlaneEvenness
 from mgf_engine.evaluation.images import score
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
 from mgf_engine.export import report as job_report
@@ -46,7 +46,7 @@ def data(tmp_path: Path) -> ReportData:
         curve=[{"iteration": i, "psnr": 20 + i / 100, "gaussians": 1000 + i} for i in range(0, 1500, 10)],
         versions={"python": "3.11"}, machine={"processor": "Fast One"}, kernel="avx2", peak_memory=2_100_000_000,
         warnings=["One photo is <odd>; look at it."], turntable=[np.zeros((12, 16, 3), np.uint8)] * 8,
-        relief=[np.zeros((12, 16, 3), np.uint8)] * 4, evenness=Evenness(0.02, (Plane(0.5, 0.61, 3.25, 11.5),)),
+        relief=[np.zeros((12, 16, 3), np.uint8)] * 4, evenness=Evenness(0.02, (PlaneEvenness(0.5, 0.61, 3.25, 11.5),)),
         confidence=ConfidenceShares(0.613, 0.2, 0.1, 0.087), confidence_pictures=[np.zeros((12, 16, 3), np.uint8)] * 4,
         advice=["Take a photo of the <back>."], pixel="12 mm",
         contact_sheet=tmp_path / "sheet.png", files={"mesh": "mesh.ply"}, figures={"f1": np.float32(0.5)},

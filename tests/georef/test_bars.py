@@ -11,12 +11,12 @@ import pytest
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.bars import Bar, measure_bars, read_bars
 from mgf_engine.georef.control import CHECK, CONTROL
-from mgf_engine.georef.triangulate import Placed
+from mgf_engine.georef.triangulate import TriangulatedPoint
 
 
-def placed(**points: tuple[float, float, float]) -> dict[str, Placed]:
+def placed(**points: tuple[float, float, float]) -> dict[str, TriangulatedPoint]:
     none = np.zeros((0, 2)), np.zeros(0, bool)
-    return {name: Placed(name, np.array(at, float), (), *none) for name, at in points.items()}
+    return {name: TriangulatedPoint(name, np.array(at, float), (), *none) for name, at in points.items()}
 
 
 #: A unit of the normalised frame is 2.5 m here.

@@ -15,7 +15,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CHECK, CONTROL, Mark, Point
 from mgf_engine.georef.fit_control import ControlFit, control_rows, fit_control, mark_error
 from mgf_engine.georef.similarity import applied, matrix_of
-from mgf_engine.georef.triangulate import Placed
+from mgf_engine.georef.triangulate import TriangulatedPoint
 from mgf_engine.model.scene import Scene
 
 OFFSET = np.array([600_000.0, 5_500_000.0, 0.0])
@@ -30,9 +30,9 @@ def scene() -> Scene:
     return make_scene(views, np.zeros((0, 3)), [])
 
 
-def placed(name: str, position: np.ndarray) -> Placed:
+def placed(name: str, position: np.ndarray) -> TriangulatedPoint:
     marks = tuple(Mark(name, k, (10.0, 10.0)) for k in range(3))
-    return Placed(name, position, marks, np.tile([0.3, 0.4], (3, 1)), np.ones(3, bool))
+    return TriangulatedPoint(name, position, marks, np.tile([0.3, 0.4], (3, 1)), np.ones(3, bool))
 
 
 MARKED = {name: placed(name, at) for name, at in zip(NAMES, PLACES, strict=True)}

@@ -9,7 +9,7 @@ import pytest
 from mgf_engine.drawings.model import Frame
 from mgf_engine.drawings.project import Grid
 from mgf_engine.models.solid.cells import Cells, cut_into_cells
-from mgf_engine.models.solid.evidence import Evidence
+from mgf_engine.models.solid.evidence import SolidEvidence
 from mgf_engine.models.solid.labels import LabelOptions, choose_planes
 from mgf_engine.models.solid.plan_lines import Line2
 
@@ -20,12 +20,12 @@ CUT = Line2(np.array([1.0, 0.0]), 5.0, -9.0, 9.0, 1.0)
 LOW, HIGH, RISING = [0.0, 0.0, 3.0], [0.0, 0.0, 6.0], [0.3, 0.0, 3.0]
 
 
-def evidence(height: np.ndarray, inside: np.ndarray | None = None, detail: float = 0.3) -> Evidence:
+def evidence(height: np.ndarray, inside: np.ndarray | None = None, detail: float = 0.3) -> SolidEvidence:
     frame = Frame("plan", np.zeros(3), np.eye(3)[0], np.eye(3)[1], np.zeros(2), SIZE)
     grid = Grid(frame, PIXEL, 0.0, SIZE[1], height.shape[1], height.shape[0])
     stands = np.ones(height.shape, bool) if inside is None else inside
     none = np.zeros(height.shape, np.int32)
-    return Evidence(grid, height, stands, none, np.zeros((0, 3)), [], 1.0, 0.0, "mesh", 6.0, 6.0, detail)
+    return SolidEvidence(grid, height, stands, none, np.zeros((0, 3)), [], 1.0, 0.0, "mesh", 6.0, 6.0, detail)
 
 
 def middles() -> np.ndarray:

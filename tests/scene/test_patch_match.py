@@ -19,7 +19,7 @@ from mgf_engine.scene.kernel_photos import pixel_transfer
 from mgf_engine.scene.neighbours import MatchingPoints, NeighbourOptions
 from mgf_engine.scene.patch_match import PatchMatchOptions, PixelPlanes
 from mgf_engine.scene.reference_patch_match import Neighbour, move_planes
-from mgf_engine.scene.stereo import Photo
+from mgf_engine.scene.stereo import StereoPhoto
 
 WIDTH, HEIGHT, DISTANCE, TILT = 96, 72, 5.0, 0.5
 OPTIONS = PatchMatchOptions(rounds=2)
@@ -44,7 +44,7 @@ def texture(points: np.ndarray) -> np.ndarray:
     return 0.5 + total / 24
 
 
-def photo_of(view: View, plain: bool = False) -> tuple[Photo, np.ndarray]:
+def photo_of(view: View, plain: bool = False) -> tuple[StereoPhoto, np.ndarray]:
     """A photo of the textured plane z = TILT * x, and its true depth."""
     x, y = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
     rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], -1)
@@ -52,7 +52,7 @@ def photo_of(view: View, plain: bool = False) -> tuple[Photo, np.ndarray]:
     depth = -(view.centre @ normal) / (towards @ normal)
     points = view.centre + depth[..., None] * towards
     grey = np.full(depth.shape, 0.5) if plain else texture(points)
-    return Photo(view, np.rint(255 * grey).astype(np.uint8), np.ones(depth.shape, bool), view.intrinsics), depth
+    return StereoPhoto(view, np.rint(255 * grey).astype(np.uint8), np.ones(depth.shape, bool), view.intrinsics), depth
 
 
 VIEWS = [view_at(0.0, 0.0), view_at(0.7, -0.12), view_at(-0.6, 0.1), view_at(1.1, -0.2)]
@@ -60,7 +60,7 @@ PHOTOS, TRUTH = zip(*map(photo_of, VIEWS), strict=True)
 BOUNDS = (float(1 / TRUTH[0].max()) * 0.8, float(1 / TRUTH[0].min()) * 1.2)
 
 
-def at_random(photo: Photo, seed: int = 0) -> PixelPlanes:
+def at_random(photo: StereoPhoto, seed: int = 0) -> PixelPlanes:
     rim = np.zeros(photo.grey.shape, bool)
     rim[5:-5, 5:-5] = True
     pixels = np.flatnonzero(rim & photo.inside).astype(np.int32)
@@ -95,7 +95,7 @@ def test_kernel_equals_its_twin(variant: str, consistent: bool) -> None:
     assert (expected[3] > 0.5).any() and (expected[3] < 0).any()
 
 
-def search(photo: Photo, others: list[Photo], planes: PixelPlanes, rounds: int = 6) -> None:
+def search(photo: StereoPhoto, others: list[StereoPhoto], planes: PixelPlanes, rounds: int = 6) -> None:
     patch_match._search(photo, others, None, planes, range(rounds), OPTIONS)
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from mgf_engine.model.scene import View
 from mgf_engine.scene.depths import Depths
-from mgf_engine.scene.stereo import Photo, StereoOptions
+from mgf_engine.scene.stereo import StereoOptions, StereoPhoto
 from mgf_engine.start.confirmation import confirmed_share, surface_normals
 from mgf_engine.start.options import DenseOptions
 
@@ -47,7 +47,7 @@ def scene(cameras: list[View], maps: dict[int, np.ndarray]) -> tuple[Any, Depths
     views = SimpleNamespace(
         views=cameras, labels=labels, indices=list(range(len(cameras))), centres=np.stack([c.centre for c in cameras])
     )
-    photos = {i: Photo(c, labels[i], labels[i] > 0, c.intrinsics) for i, c in enumerate(cameras)}
+    photos = {i: StereoPhoto(c, labels[i], labels[i] > 0, c.intrinsics) for i, c in enumerate(cameras)}
     return views, Depths(photos, {}, maps, StereoOptions.tolerance)
 
 

@@ -15,7 +15,7 @@ from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.models.lod import deviation_of
 from mgf_engine.models.solid.cells import cell_of_pixels, cut_into_cells
 from mgf_engine.models.solid.checks import faults_of, triangles, volume_of
-from mgf_engine.models.solid.evidence import Evidence, detail_of, gather_evidence
+from mgf_engine.models.solid.evidence import SolidEvidence, detail_of, gather_solid_evidence
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
 from mgf_engine.models.solid.labels import LabelOptions, choose_planes
 from mgf_engine.models.solid.model import ROOF, WALL, Array, Solid
@@ -72,7 +72,7 @@ def build_solid(
     if taken is None and options.party_walls.found:
         fine = detail_of(survey, options.evidence) if detail is None else detail
         taken = find_party_walls(survey, wall_lines(survey, fine, options.evidence), fine, options.party_walls)
-    evidence = gather_evidence(survey, detail, options.evidence, taken)
+    evidence = gather_solid_evidence(survey, detail, options.evidence, taken)
     if evidence.inside.sum() * evidence.grid.resolution**2 < 4 * evidence.detail**2:
         raise NoSolid("the mesh covers no ground")
     level = 2 if evidence.roof_seen >= options.roof_seen else 1
@@ -81,7 +81,7 @@ def build_solid(
         faults = faults_of(solid, 0.1 * evidence.detail)
         if not faults:
             return _checked(_measured(solid, survey, evidence, level, options, taken), options)
-        evidence = gather_evidence(survey, options.coarser * evidence.detail, options.evidence, taken)
+        evidence = gather_solid_evidence(survey, options.coarser * evidence.detail, options.evidence, taken)
     if level == 2:
         solid = _make(evidence, 1, options)
         faults = faults_of(solid, 0.1 * evidence.detail)
@@ -90,7 +90,7 @@ def build_solid(
     raise NoSolid(faults[0])
 
 
-def _make(evidence: Evidence, level: int, options: SolidOptions) -> Solid:
+def _make(evidence: SolidEvidence, level: int, options: SolidOptions) -> Solid:
     """Make the solid: of the roof planes at level 2, a block with a level top at level 1."""
     slopes = evidence.slopes if level == 2 else np.array([[0.0, 0.0, evidence.block]])
     row, column = np.nonzero(evidence.inside)
@@ -105,7 +105,7 @@ def _make(evidence: Evidence, level: int, options: SolidOptions) -> Solid:
 def _measured(
     solid: Solid,
     survey: Survey,
-    evidence: Evidence,
+    evidence: SolidEvidence,
     level: int,
     options: SolidOptions,
     taken: shapely.Geometry | None,

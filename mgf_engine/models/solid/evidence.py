@@ -25,7 +25,7 @@ from mgf_engine.models.solid.round_roofs import add_round_roofs
 
 
 @dataclass(frozen=True)
-class Evidence:
+class SolidEvidence:
     """Measurements that a solid is built from; the ground plan has the axes of the local frame.
 
     Attributes:
@@ -58,12 +58,12 @@ class Evidence:
         return self.grid.places(np.stack([column, row], -1))
 
 
-def gather_evidence(
+def gather_solid_evidence(
     survey: Survey,
     detail: float | None = None,
     options: EvidenceOptions = EvidenceOptions(),
     taken: shapely.Geometry | None = None,
-) -> Evidence:
+) -> SolidEvidence:
     """Measure the mesh: heights from above, roof planes, wall lines and the ground.
 
     Args:
@@ -96,7 +96,7 @@ def gather_evidence(
     lines += outline_lines(inside, grid, walls, detail, reach, options)
     found = find_ground(survey, inside, grid)
     ground, ground_from = found.height, found.source
-    return Evidence(
+    return SolidEvidence(
         grid, height, inside, label, slopes, lines[:options.most_lines], roof_seen, ground, ground_from, top, block,
         detail,
     )  # fmt: skip

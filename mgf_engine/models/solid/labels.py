@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.models.solid.cells import Cells
-from mgf_engine.models.solid.evidence import Evidence
+from mgf_engine.models.solid.evidence import SolidEvidence
 from mgf_engine.models.solid.model import Array, ring_area
 
 #: Costs of the borders between labels [E] and labels [E].
@@ -40,7 +40,11 @@ class LabelOptions:
 
 
 def choose_planes(
-    cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes: Array, options: LabelOptions = LabelOptions()
+    cells: Cells,
+    owner: NDArray[np.int32],
+    evidence: SolidEvidence,
+    slopes: Array,
+    options: LabelOptions = LabelOptions(),
 ) -> NDArray[np.int64]:
     """Choose the label of each cell: 0 outside, k + 1 the k-th of ``slopes``; [C].
 
@@ -78,7 +82,7 @@ def choose_planes(
     return np.asarray(label, np.int64)
 
 
-def _volumes(cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes: Array, cap: float) -> Array:
+def _volumes(cells: Cells, owner: NDArray[np.int32], evidence: SolidEvidence, slopes: Array, cap: float) -> Array:
     """Return volume between each cell's mesh and each label's plane, [C, P + 1]."""
     count, square = len(cells.rings), evidence.grid.resolution**2
     flat = owner.ravel()
@@ -98,7 +102,7 @@ def _volumes(cells: Cells, owner: NDArray[np.int32], evidence: Evidence, slopes:
     return cost + _forbidden(cells, evidence, slopes, float(cost.sum()) + 1)
 
 
-def _forbidden(cells: Cells, evidence: Evidence, slopes: Array, much: float) -> Array:
+def _forbidden(cells: Cells, evidence: SolidEvidence, slopes: Array, much: float) -> Array:
     """Return a large cost where a plane would lie below the ground or above all that was seen, [C, P + 1]."""
     nodes = np.array(cells.nodes)
     heights = nodes @ slopes[:, :2].T + slopes[:, 2]
