@@ -17,6 +17,8 @@ import pytest
 import synthetic
 from conftest import REPO
 
+from mgf_blender import batch
+from mgf_blender.common import job as window_job
 from mgf_blender.results import picture
 
 BATCH = REPO / "mgf_blender" / "batch.py"
@@ -182,3 +184,8 @@ def test_kinds_are_those_of_the_panels():
 
     assert tuple(kind for kind, *_ in KINDS) == batch.DRAWINGS
     assert tuple(kind for kind, *_ in models.KINDS) == batch.MODELS
+
+
+def test_exit_codes_are_those_of_the_window():
+    names = ("EXIT_DONE", "EXIT_FAULT", "EXIT_BAD_INPUT", "EXIT_CANCELLED")
+    assert [getattr(batch, name) for name in names] == [getattr(window_job, name) for name in names]
