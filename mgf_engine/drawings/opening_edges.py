@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Locate the left and right edges of openings in the photos, since the mesh is blurred there by several pixels.
+"""Locate the left, right and upper edges of openings in the photos, since the mesh is blurred there by several pixels.
 
 The photos are sampled in strips on the plane of the wall, across each edge. What lies on the wall has its gradient at
 one place in all photos, while reveal and frame behind it move with the camera. The mean gradient therefore falls off
-sharply on the wall's side of the edge only; the edge is put there. Upper and lower edges stay where the mesh has them:
-photos see lintels from below and sills from above, so what stands out most is a soffit's or a sill's other edge.
+sharply on the wall's side of the edge only; the edge is put there, at upper edges further away, for the mesh slopes
+more gently under lintels. Lower edges stay where the mesh has them: photos see sills from above, so what stands out
+most is a sill's other edge.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -24,7 +25,7 @@ from mgf_engine.drawings.regions import Regions
 from mgf_engine.model.scene import View
 from mgf_engine.texture.painting import Painting
 
-LEFT, RIGHT = 0, 2
+LEFT, TOP, RIGHT = 0, 1, 2
 _STEP = 0.25  # of the samples across an edge, ground px
 _ALONG = 0.5  # of the rows of samples along it, ground px
 _FACING_AWAY = -0.05  # tangent from which a camera counts as on the wall's side of the edge
@@ -45,6 +46,9 @@ class OpeningEdgeOptions:
     )
     spread: float = parameter(1.5, "Standard deviation of that distance", "ground px", low=0.01)
     farthest: float = parameter(3.0, "Maximum distance of the edge from the mesh's", "ground px")
+    upper_outward: float = parameter(0.0, "The expected distance at upper edges", "ground px", low=None)
+    upper_spread: float = parameter(2.0, "Standard deviation of the distance at upper edges", "ground px", low=0.01)
+    upper_farthest: float = parameter(4.0, "Maximum distance of an upper edge from the mesh's", "ground px")
     prominence: float = parameter(0.2, "Minimum drop of the mean gradient on the wall's side, as a share", high=1)
     flank: float = parameter(0.6, "Distance of the half of the drop from an edge, by the blur of photos", "ground px")
 
@@ -88,7 +92,7 @@ def move_edges(
     photos: EdgePhotos,
     options: OpeningEdgeOptions = OpeningEdgeOptions(),
 ) -> Array:
-    """Move left and right edges of openings to where the photos have them; those on one line together.
+    """Move left, right and upper edges of openings to where the photos have them; those on one line together.
 
     Args:
         boxes: left, top, right, bottom in pixels of the map, [n, 4].
@@ -102,7 +106,10 @@ def move_edges(
         [n, 4].
     """
     result, offsets = boxes.copy(), np.arange(-options.reach, options.reach + 0.5 * _STEP, _STEP)
-    for side in (LEFT, RIGHT):
+    upper = replace(
+        options, outward=options.upper_outward, spread=options.upper_spread, farthest=options.upper_farthest
+    )
+    for side in (LEFT, TOP, RIGHT):
         lines: dict[tuple[int, float], list[int]] = {}
         for row, wall in enumerate(walls):
             lines.setdefault((wall, float(boxes[row, side])), []).append(row)
@@ -111,7 +118,7 @@ def move_edges(
             curves = [curve for curve in found if curve is not None]
             if not curves:
                 continue
-            out = wall_side_edge(np.mean(curves, axis=0), offsets, options)
+            out = wall_side_edge(np.mean(curves, axis=0), offsets, upper if side == TOP else options)
             sign = 1.0 if side == RIGHT else -1.0
             result[rows, side] += sign * out * pixel / regions.grid.resolution
     return result
@@ -191,6 +198,9 @@ def _strip(box: Array, side: int, regions: Regions, offsets: Array, options: Ope
     right, bottom = regions.grid.places(box[2:])
     step = _ALONG / _STEP * float(offsets[1] - offsets[0])
     sign = 1.0 if side == RIGHT else -1.0
+    if side == TOP:
+        x, y = np.meshgrid(_inner(left, right, step, options.margin), top + offsets, indexing="ij")
+        return np.stack([x, y], -1), np.array([0.0, 1.0])
     along = _inner(bottom, top, step, options.margin)
     y, x = np.meshgrid(along, (right if side == RIGHT else left) + sign * offsets, indexing="ij")
     return np.stack([x, y], -1), np.array([sign, 0.0])
