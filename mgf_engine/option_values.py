@@ -39,7 +39,7 @@ def check_limits(name: str, value: Any, low: float | None, high: float | None) -
         below, above = low is not None and number < low, high is not None and number > high
         if below or above:
             limit, wrong = (low, "at least") if below else (high, "at most")
-            raise BadInput(f"Option {name} must be {wrong} {limit:g}, not {shown(number)}.")
+            raise BadInput(f"Option {name} must be {wrong} {limit:.10g}, not {shown(number)}.")
 
 
 def parse(kind: type, value: Any) -> Any:

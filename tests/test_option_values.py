@@ -41,6 +41,8 @@ def test_limits_hold_for_each_number() -> None:
         check_limits("radius", 0.5, 1.0, None)
     with pytest.raises(BadInput, match="at most 2, not 3"):
         check_limits("radius", (1, 3), 0, 2)
+    with pytest.raises(BadInput, match="at most 2147483647, not 2147483648"):
+        check_limits("seed", 2**31, 0, 2**31 - 1)
 
 
 def test_long_values_are_shortened() -> None:

@@ -79,7 +79,7 @@ def adjust_if_inconsistent(
     change = max(abs(new.params[0] / model.cameras[i].params[0] - 1) for i, new in adjusted.cameras.items())
     reporter.warning(
         f"The COLMAP model had a reprojection error of {before:.1f} working pixels; bundle adjustment reduced it "
-        f"to {after:.1f} and changed focal lengths by up to {change:.0%}. Building it again with the right "
+        f"to {after:.1f} and changed focal lengths by up to {change:.1%}. Building it again with the right "
         "camera model would be safer."
     )
     return adjusted
