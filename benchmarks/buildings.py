@@ -248,7 +248,7 @@ def curved_hall(wall: str = "plaster") -> list[Part]:
 
 
 #: Elements of open steelwork begin so; the paper leaves such out of its figures (section 4.3.1).
-OPENWORK = "frame."
+STEELWORK = "frame."
 
 BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "town_hall": town_hall,

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Times the rasterizer's kernels part by part, and against the plain torch twin.
+"""Times the rasterizer's kernels part by part, and against the plain torch reference.
 
 ``python -m benchmarks.kernels`` prints, for every kernel variant of this machine, the milliseconds of each part
-of one training iteration on a synthetic building, and the ratio to the twin on a scene small enough for it. Wall time
-is that of all threads together working; CPU time is what they used: on a busy machine only that means something. The
-best of several rounds counts; variants take turns, so that a change of the machine's pace hits all of them.
+of one training iteration on a synthetic building, and the ratio to the reference on a scene small enough for it. Wall
+time is that of all threads together working; CPU time is what they used: on a busy machine only that means something.
+The best of several rounds counts; variants take turns, so that a change of the machine's pace hits all of them.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ def parts_table(n: int, width: int, height: int, outputs: str, rounds: int) -> d
     return clocks
 
 
-def ratio_to_twin(n: int, width: int, height: int) -> float:
-    """How many times longer the torch twin takes than the best variant, forward and backward, one small scene."""
+def ratio_to_reference(n: int, width: int, height: int) -> float:
+    """How many times longer the torch reference takes than the best variant, forward and backward, one small scene."""
     gaussians, camera = building(n, size=0.1), corner_view(width, height)
     for name in TRAINED:
         getattr(gaussians, name).requires_grad_()
@@ -154,14 +154,16 @@ def losses_and_gradients(loss: Callable[..., LossTerms], planes: torch.Tensor, t
     loss(shown, target, LossOptions(), torch.zeros(3), geometry).total.backward()
 
 
-def losses_ratio_to_twin(width: int, height: int) -> float:
+def losses_ratio_to_reference(width: int, height: int) -> float:
     """Return how many times longer the losses take in plain torch (float32, SSIM above all), forward and backward."""
     planes = torch.rand(10, height, width, generator=torch.Generator().manual_seed(0))
     target, clock = noise_target(corner_view(width, height)), Clock()
     for _ in range(5):
         clock.time("kernels", lambda: losses_and_gradients(total_loss, planes, target, geometry=False))
-        clock.time("twin", lambda: losses_and_gradients(reference_losses.total_loss, planes, target, geometry=False))
-    return clock.cpu["twin"] / clock.cpu["kernels"]
+        clock.time(
+            "reference", lambda: losses_and_gradients(reference_losses.total_loss, planes, target, geometry=False)
+        )
+    return clock.cpu["reference"] / clock.cpu["kernels"]
 
 
 def _forward_and_backward(gaussians: Gaussians, camera: Camera, backend: str) -> None:
@@ -193,15 +195,17 @@ def main(arguments: list[str] | None = None) -> int:
                 results.append({"gaussians": n, "size": size, "outputs": outputs, "variants": clocks})
                 if not given.json:
                     _print_table(f"{n} Gaussians, {size}, {outputs} outputs, {library.threads()} threads", clocks)
-    ratio, losses = ratio_to_twin(300, 96, 64), losses_ratio_to_twin(750, 500)
+    ratio, losses = ratio_to_reference(300, 96, 64), losses_ratio_to_reference(750, 500)
     n, (width, height) = given.gaussians[0], given.sizes[0]
     tiles = ratio_to_torch_tiles(n, width, height)
     if given.json:
         plain = [{**r, "variants": {k: vars(v) for k, v in r["variants"].items()}} for r in results]
-        ratios = {"ratio_to_twin": ratio, "ratio_to_torch_tiles": tiles, "losses_ratio_to_twin": losses}
+        ratios = {"ratio_to_reference": ratio, "ratio_to_torch_tiles": tiles, "losses_ratio_to_reference": losses}
         print(json.dumps({"scenes": plain, **ratios}, indent=1))
     else:
-        print(f"\nThe torch twin takes {ratio:.0f} times the CPU time (300 Gaussians, 96x64, forward and backward).")
+        print(
+            f"\nThe torch reference takes {ratio:.0f} times the CPU time (300 Gaussians, 96x64, forward and backward)."
+        )
         print(f"Blending in torch, tile by tile, takes {tiles:.0f} times ({n} Gaussians, {width}x{height}, both ways).")
         print(f"The losses take {losses:.0f} times the CPU time in plain torch (750x500, forward and backward).")
     return 0

@@ -40,7 +40,7 @@ CROP_MARGIN = 0.5
 #: Nobody can see below the ground: what lies lower is left out of every mesh (``outside_crop`` says how much).
 CROP_FOOT = 0.1
 #: The scores of a row, and how tables name them.
-SCORED = {"geometry": "F1", "without_openwork": "F1 without steelwork"}
+SCORED = {"geometry": "F1", "without_steelwork": "F1 without steelwork"}
 
 
 def f1_at(row: dict[str, Any], threshold: float, part: str = "geometry") -> float:
@@ -69,7 +69,7 @@ class Prepared:
     cameras: list[SeeingCamera]
     ground_pixel: float
     crop: Points  # [2, 3], true frame
-    openwork: Surface | None = None  # its open steelwork, which is scored along with the rest and left out, too
+    steelwork: Surface | None = None  # its open steelwork, which is scored along with the rest and left out, too
     scale: float = 1.0
     offset: tuple[float, ...] = (0.0, 0.0, 0.0)
 
@@ -102,17 +102,17 @@ def prepare_folder(folder: Path) -> Prepared:
     truth = read_surface(folder / "truth.ply").vertices
     low, high = truth.min(0) - CROP_MARGIN, truth.max(0) + CROP_MARGIN
     low[2] = CROP_FOOT
-    return Prepared(folder, true_cameras(folder), ground_pixel, np.stack([low, high]), true_openwork(folder))
+    return Prepared(folder, true_cameras(folder), ground_pixel, np.stack([low, high]), true_steelwork(folder))
 
 
-def true_openwork(folder: Path) -> Surface | None:
+def true_steelwork(folder: Path) -> Surface | None:
     """Return the open steelwork of a generated building; None where it has none."""
-    from benchmarks.buildings import BUILDINGS, OPENWORK
+    from benchmarks.buildings import BUILDINGS, STEELWORK
     from benchmarks.shapes import true_mesh
 
     spec = json.loads((folder / "scene.json").read_text(encoding="utf-8")).get("spec", {})
     build = BUILDINGS.get(spec.get("building"))
-    parts = [] if build is None else [p for p in build(spec["wall"]) if p.element.startswith(OPENWORK)]
+    parts = [] if build is None else [p for p in build(spec["wall"]) if p.element.startswith(STEELWORK)]
     if not parts:
         return None
     vertices, faces = true_mesh(parts)
@@ -197,8 +197,8 @@ def _mesh_scores(run: Run, scene: Prepared, mesh: Path, samples: int) -> dict[st
     found = compare_surfaces(read_surface(mesh), truth, ComparisonOptions(samples, scene.cameras, crop))
     scores = found.scores(thresholds, read_materials(scene.truth, len(truth.faces)))
     row: dict[str, Any] = {}
-    if scene.openwork is not None:
-        row["without_openwork"] = found.without(scene.openwork).scores(thresholds).as_dict()
+    if scene.steelwork is not None:
+        row["without_steelwork"] = found.without(scene.steelwork).scores(thresholds).as_dict()
     row["whole_picture"] = whole_picture
     row["in_box"] = found.inside(scene.crop).scores(thresholds).as_dict()
     return {**row, "geometry": scores.as_dict(), "ground_pixel": scene.ground_pixel, "faces": scores.hygiene.faces}

@@ -171,7 +171,7 @@ def triangle(tmp_path: Path) -> str:
         (["--json", "{}"], "Cannot write the figures"),
         (["--json", __file__ + "/figures.json"], "Cannot write the figures"),
         (["--picture", "{}"], "Cannot write the picture"),
-        (["--leave-out", "{}/triangle.ply"], "to be judged"),
+        (["--leave-out", "{}/triangle.ply"], "to be scored"),
         (["--leave-out", "{}/nothing.ply"], "There is no mesh"),
         (["--scene", "{}"], "There is no COLMAP model"),
         (["--photo-size", "0"], "--photo-size must be"),

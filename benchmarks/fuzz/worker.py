@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The child process of the fuzzer: damage, read, judge, in one loop, under a memory limit.
+"""The child process of the fuzzer: damage, read and classify, in one loop, under a memory limit.
 
 Where it stands is in ``state`` (cases done, as text) at all times, and the damaged file is on disk while it is read:
 when the process dies, the parent finds both.
@@ -31,7 +31,7 @@ MEMORY = 256 << 20
 _CORPUS = 200
 
 
-def judge(name: str, folder: Path) -> tuple[str, str]:
+def try_reading(name: str, folder: Path) -> tuple[str, str]:
     """Read a folder: ("ok" | "refused" | "finding", what happened)."""
     try:
         TARGETS[name].read(folder)
@@ -55,7 +55,7 @@ def run(name: str, cases: int, seed: int, folder: Path, findings: Path) -> dict[
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     target.prepare(folder)
-    outcome = judge(name, folder)
+    outcome = try_reading(name, folder)
     if outcome[0] != "ok":
         raise RuntimeError(f"the sound files of '{name}' are not read: {outcome[1]}")
     sound = {file: (folder / file).read_bytes() for file in target.files}
@@ -71,7 +71,7 @@ def run(name: str, cases: int, seed: int, folder: Path, findings: Path) -> dict[
         path = folder / file
         path.write_bytes(data)
         os.pwrite(state, f"{case:<12}{file:<80}".encode(), 0)
-        kind, text = judge(name, folder)
+        kind, text = try_reading(name, folder)
         now = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         if (now - peak) * 1024 > MEMORY and kind != "finding":
             kind, text = "finding", f"memory grew by {(now - peak) >> 10} MB"
@@ -121,7 +121,7 @@ def main() -> None:
 
     cv2.setNumThreads(1)
     TARGETS[name].prepare(_fresh(Path(folder)))
-    judge(name, Path(folder))  # imports what the reader needs before the limit is set
+    try_reading(name, Path(folder))  # imports what the reader needs before the limit is set
     limit_memory()
     print(json.dumps(run(name, int(cases), int(seed), Path(folder), Path(findings))))
 

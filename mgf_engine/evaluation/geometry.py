@@ -149,16 +149,16 @@ def score_surface(
     """Score a mesh against the truth: accuracy, completeness and F1 (eq. 30-32).
 
     Args:
-        mesh: to be judged.
-        truth: to judge it by.
+        mesh: to be scored.
+        truth: what it is compared with.
         thresholds: distances that count as right, in the units of the meshes.
         options: samples, and what is left out on both sides.
-        leave_out: a part of the truth that is not judged: points of both meshes that it is the nearest part to are left
+        leave_out: a part of the truth that is not scored: points of both meshes that it is the nearest part to are left
             out (the paper leaves out Dortmund's steel framework so, section 4.3.1).
         materials: of the truth's faces; None for no scores by material.
 
     Raises:
-        BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point left to judge.
+        BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point left to score.
     """
     if options.samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
         raise BadInput("Thresholds and the number of samples must be finite and larger than 0.")
@@ -248,7 +248,7 @@ def _turns(normals: Points, others: Points) -> Points:
 def _check_any(true_points: Points) -> None:
     if len(true_points) == 0:
         raise BadInput(
-            "No point of the true mesh is inside the crop, seen by a camera and to be judged; check that all share one "
+            "No point of the true mesh is inside the crop, seen by a camera and to be scored; check that all share one "
             "frame."
         )
 

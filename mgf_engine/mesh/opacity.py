@@ -42,7 +42,7 @@ class OpacityOptions:
         high=2,
     )
     every_view: bool = parameter(
-        False, "Judge a point by every photo in whose frame it lies, also where the mask shows background (eq. 25)"
+        False, "Test a point in every photo in whose frame it lies, also where the mask shows background (eq. 25)"
     )
     calibration_points: int = parameter(50, "Minimum number of sparse points that calibrate the level", low=1)
     levels: tuple[float, float] = parameter((0.05, 0.95), "Bounds of the calibrated level", high=1)

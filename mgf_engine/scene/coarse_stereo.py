@@ -32,7 +32,7 @@ class CoarseStereoOptions:
     least_confirmed: float = parameter(
         0.2, "Share of the textured pixels about which two photos agree below which photos are reduced", high=1
     )
-    neighbourhood: int = parameter(9, "Side of the square around a click in which its texture is judged", "px", low=1)
+    neighbourhood: int = parameter(9, "Side of the square around a click in which its texture is measured", "px", low=1)
     textured: float = parameter(0.5, "Minimum share of textured pixels around a click", high=1)
     confirmed: float = parameter(
         0.3,

@@ -26,7 +26,7 @@ _MARGIN = 5  # px: differences over four pixels stay inside the photo
 
 @dataclass(frozen=True)
 class QualityOptions:
-    """Options of the judgement of photos."""
+    """Options of the quality of photos."""
 
     noisy: float = parameter(10.0, "Noise that a warning is given for (sound photos stay below 5)", "grey levels")
     blurred: float = parameter(0.5, "Sharpness below which a photo is blurred (sound photos have 0.65 to 1.6)")

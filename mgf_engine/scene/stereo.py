@@ -223,7 +223,7 @@ def _match(
         speckleWindowSize=options.speckle_size, speckleRange=options.speckle_range,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
-    # SGBM cannot judge columns whose search leaves the right picture, so both get a margin of the search's width.
+    # SGBM cannot match columns whose search leaves the right picture, so both get a margin of the search's width.
     width = max(left.shape[1], right.shape[1])
     before, after = max(0, lowest + count), max(0, -lowest)
     padded = [

@@ -35,7 +35,7 @@ class ValidationOptions:
     usual_consistency: float = parameter(
         0.7, "Correlation that three quarters of the photos must reach for that", low=-1, high=1
     )
-    least_observations: int = parameter(30, "Minimum number of observations of a photo that is judged", low=2)
+    least_observations: int = parameter(30, "Minimum number of observations of a photo that is validated", low=2)
     most_unreadable: float = parameter(0.5, "Maximum share of the photos that are left out as unreadable", high=1)
     most_outliers: float = parameter(0.45, "Maximum share of the photos that are left out as outliers", high=1)
     most_blurred: float = parameter(0.3, "Maximum share of the photos that are left out as blurred", high=1)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from benchmarks.fuzz.mutate import mutate
 from benchmarks.fuzz.targets import TARGETS
-from benchmarks.fuzz.worker import judge
+from benchmarks.fuzz.worker import try_reading
 from mgf_engine.errors import BadInput
 from mgf_engine.images import png_size, read_info
 from mgf_engine.safe_npz import read_arrays
@@ -34,7 +34,7 @@ def test_sound_files_are_read(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "files"
     folder.mkdir()
     TARGETS[name].prepare(folder)
-    assert judge(name, folder) == ("ok", "")
+    assert try_reading(name, folder) == ("ok", "")
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -49,7 +49,7 @@ def test_damaged_files_are_read_or_refused_in_one_sentence(name: str, tmp_path: 
         file = rng.choice(list(target.files))
         sound = (folder / file).read_bytes()
         (folder / file).write_bytes(mutate(sound, target.files[file], rng))
-        outcomes.append(judge(name, folder))
+        outcomes.append(try_reading(name, folder))
         assert outcomes[-1][0] != "finding", outcomes[-1]
         (folder / file).write_bytes(sound)
         shutil.rmtree(folder / "job" / "scene", ignore_errors=True)
@@ -64,7 +64,7 @@ def test_what_once_was_a_finding_stays_mended(case: Path, tmp_path: Path) -> Non
     for file in (p for p in case.rglob("*") if p.is_file() and p.name != "what.txt"):
         shutil.copy(file, folder / file.relative_to(case))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    kind, text = judge(case.parent.name, folder)
+    kind, text = try_reading(case.parent.name, folder)
     assert kind != "finding", text
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200 << 10
 
@@ -78,7 +78,7 @@ def test_files_of_junk_never_do_worse_than_bad_input(
     target = TARGETS[name]
     target.prepare(folder)
     (folder / list(target.files)[pick % len(target.files)]).write_bytes(junk)
-    kind, text = judge(name, folder)
+    kind, text = try_reading(name, folder)
     assert kind != "finding", text
     shutil.rmtree(folder)
 

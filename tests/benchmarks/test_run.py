@@ -316,7 +316,7 @@ def test_steelwork_is_scored_with_the_rest_and_left_out(scene: Path, tmp_path: P
     args = ["peers", "--only", "copy", "--scenes", str(scene), "--samples", "20000", "--out", str(out)]
     assert bench_main([*args, "--external", "copy=" + COPY.replace("truth.ply", "hall.ply")]) == 0
     (row,) = json.loads((out / "peers.json").read_text())
-    assert row["geometry"]["f1"][0] < 95 and row["without_openwork"]["f1"][0] > 99.9
+    assert row["geometry"]["f1"][0] < 95 and row["without_steelwork"]["f1"][0] > 99.9
     (table,) = summary_tables([row])
     assert "F1 without steelwork 5 cm" in table["columns"]
     assert len(table["columns"]) == len(table["lines"][0])

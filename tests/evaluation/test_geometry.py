@@ -113,7 +113,7 @@ def test_a_part_of_the_truth_can_be_left_out_on_both_sides() -> None:
     rest = score_surface(poor, both, (0.01,), ComparisonOptions(10000), leave_out=roof)
     assert rest.f1 == (100.0,) and rest.truth_seen == 100.0
     assert score_surface(poor, both, (0.01,), ComparisonOptions(10000), leave_out=wall).f1 == (0.0,)
-    with pytest.raises(BadInput, match="to be judged"):
+    with pytest.raises(BadInput, match="to be scored"):
         score_surface(poor, both, (0.01,), ComparisonOptions(100), leave_out=both)
 
 

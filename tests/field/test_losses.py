@@ -105,11 +105,11 @@ def compare(request):
 def compare_backends(backends, target, options=OPTIONS, geometry=1.0, render=None, factor=1.0):
     """The kernels of the backends agree with the reference."""
     render = render or rendering(target)
-    twin = differentiate(reference_losses.total_loss, target, options, geometry, torch.float64, render, factor)
+    expected = differentiate(reference_losses.total_loss, target, options, geometry, torch.float64, render, factor)
     for backend in backends:
         loss = partial(total_loss, backend=backend)
         seen = on_gpu(render) if backend == "cuda" else render
-        assert_agree(differentiate(loss, target, options, geometry, torch.float32, seen, factor), twin)
+        assert_agree(differentiate(loss, target, options, geometry, torch.float32, seen, factor), expected)
 
 
 def on_gpu(render, device="cuda"):
@@ -123,11 +123,11 @@ def on_gpu(render, device="cuda"):
 
 
 def assert_agree(found, wanted):
-    (ours, gradients), (twin, expected) = found, wanted
+    (ours, gradients), (reference, expected) = found, wanted
     for name in ("total", "color", "geometry", "background"):
-        difference = abs(getattr(ours, name).item() - getattr(twin, name).item())
-        assert difference < VALUE_TOLERANCE * max(1.0, twin.total.item()), name
-    assert (ours.error.cpu() - twin.error).abs().max() < 1e-6
+        difference = abs(getattr(ours, name).item() - getattr(reference, name).item())
+        assert difference < VALUE_TOLERANCE * max(1.0, reference.total.item()), name
+    assert (ours.error.cpu() - reference.error).abs().max() < 1e-6
     for name, want in expected.items():
         got = gradients[name]
         if want is None or want.abs().max() == 0:
@@ -139,12 +139,12 @@ def assert_agree(found, wanted):
 
 @pytest.mark.parametrize("mask", ["full", "ellipse", "dot"])
 @pytest.mark.parametrize("size", [(20, 37), (64, 128), (75, 293), (170, 310)])
-def test_terms_and_gradients_match_the_twin(size, mask, compare):
+def test_terms_and_gradients_match_the_reference(size, mask, compare):
     compare(make(*size, mask))
 
 
 @pytest.mark.parametrize("size", [(2, 2), (1, 40), (3, 3), (12, 400)])
-def test_tiny_and_thin_pictures_match_the_twin(size, compare):
+def test_tiny_and_thin_pictures_match_the_reference(size, compare):
     compare(make(*size, "full"))
 
 
@@ -165,7 +165,7 @@ SWITCHES = [
 
 
 @pytest.mark.parametrize("switches", SWITCHES, ids=lambda s: ",".join(s))
-def test_every_switch_matches_the_twin(switches, compare):
+def test_every_switch_matches_the_reference(switches, compare):
     compare(make(70, 150), replace(OPTIONS, **switches))
 
 
@@ -183,7 +183,7 @@ def test_poor_similarity_stops_at_its_floor(compare):
 
 
 @pytest.mark.parametrize("variant", library.runnable_variants())
-def test_every_kernel_variant_matches_the_twin(variant):
+def test_every_kernel_variant_matches_the_reference(variant):
     library.use_variant(variant)
     try:
         compare_backends(("cpu",), make(75, 193))

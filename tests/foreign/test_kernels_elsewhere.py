@@ -20,13 +20,13 @@ FEW = [
     "tests/raster/test_render_edges.py::test_edge_case[cpu:x86-64-pancakes]",
     "tests/raster/test_render_edges.py::test_edge_case[cpu:x86-64-near plane]",
     "tests/raster/test_adam.py::test_agrees_with_torch_optim[cpu:x86-64]",
-    "tests/raster/test_point_opacity.py::test_matches_the_twin[cpu-4.0-many]",
-    "tests/field/test_losses.py::test_every_kernel_variant_matches_the_twin[x86-64]",
+    "tests/raster/test_point_opacity.py::test_matches_the_reference[cpu-4.0-many]",
+    "tests/field/test_losses.py::test_every_kernel_variant_matches_the_reference[x86-64]",
     "tests/model/test_topology.py",
     "tests/geometry/test_rasterize.py",
     "tests/geometry/test_delaunay.py::test_they_are_those_of_the_definition",
     "tests/mesh/test_tsdf.py",
-    "tests/mesh/test_photometric.py::test_kernel_equals_its_twin[x86-64]",
+    "tests/mesh/test_photometric.py::test_kernel_equals_its_reference[x86-64]",
     "tests/mesh/test_depth_smoothing.py::test_the_kernel_agrees_with_its_reference",
     "tests/mesh/test_planar_clustering.py::test_a_box_keeps_its_shape_with_a_third_of_the_vertices",
     "tests/mesh/test_decimate.py::test_a_flat_wall_needs_few_faces_and_its_edges_stay",
@@ -35,11 +35,11 @@ FEW = [
     "tests/mesh/test_colors.py",
     "tests/start/test_start_kernels.py",
     "tests/start/test_cut_graph.py",
-    "tests/start/test_smoothing.py::test_kernel_and_twin_agree[x86-64]",
+    "tests/start/test_smoothing.py::test_kernel_and_reference_agree[x86-64]",
     "tests/masks/refinement/test_patch_ncc.py",
     "tests/masks/geometry/test_point_surface.py",
     "tests/masks/propagation/test_superpixels.py",
-    "tests/scene/test_patch_match.py::test_kernel_equals_its_twin[x86-64-True]",
+    "tests/scene/test_patch_match.py::test_kernel_equals_its_reference[x86-64-True]",
 ]
 #: They only measure speed, which means nothing in an emulator.
 TIMED = {"mgf_peak", "mgf_peak_operations"}
@@ -56,7 +56,7 @@ def tool():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["linux-aarch64", "windows-x86_64"])
-def test_every_kernel_agrees_with_its_twin(target: str) -> None:
+def test_every_kernel_agrees_with_its_reference(target: str) -> None:
     if emulator_of(target) is None:
         pytest.skip(f"needs {EMULATORS[target]} ({PACKAGES[EMULATORS[target]]})")
     code, calls = 1, []

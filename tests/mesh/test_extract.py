@@ -324,13 +324,13 @@ def test_depth_maps_in_a_file_give_the_same_surface(tmp_path) -> None:
     from mgf_engine.mesh import tsdf
     from mgf_engine.mesh.hull import silhouette_masks
 
-    judged = silhouette_masks(masks, range(12), 1)
+    silhouettes = silhouette_masks(masks, range(12), 1)
     points = np.random.default_rng(0).uniform(-1, 1, (200_000, 3))
     try:
         memory.allow(1e12, tmp_path)
-        kept = tsdf.fuse_gaussians(sphere(100), views, judged)
+        kept = tsdf.fuse_gaussians(sphere(100), views, silhouettes)
         memory.allow(1e5, tmp_path)
-        spilled = tsdf.fuse_gaussians(sphere(100), views, judged)
+        spilled = tsdf.fuse_gaussians(sphere(100), views, silhouettes)
     finally:
         memory.allow(0.0)
     in_file = [not m.pixels.flags.writeable for m in spilled.maps]

@@ -46,7 +46,7 @@ def test_what_stands_out_stays_unless_it_is_a_bag() -> None:
     assert np.abs(fill_low_confidence(high[0], confidence).vertices[:, 2]).max() < 1e-9
 
 
-def test_a_large_patch_is_not_judged() -> None:
+def test_a_large_patch_is_not_tested() -> None:
     mesh, dent = wall(0.5)
     assert np.array_equal(fill_low_confidence(mesh, np.where(dent, 0.0, 0.9)).vertices, mesh.vertices)
 

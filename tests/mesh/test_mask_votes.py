@@ -33,7 +33,7 @@ def test_a_skirt_of_ground_goes_and_the_building_stays() -> None:
     assert away.sum() == (np.abs(whole.vertices[:, 2]) > 0.1).sum()
 
 
-def test_what_removed_faces_hid_is_judged_in_the_next_round() -> None:
+def test_what_removed_faces_hid_is_tested_in_the_next_round() -> None:
     """A box within a box beside the building: no photo sees the inner one before the outer one is gone."""
     scene, masks = scene_of(ring(16), ball())
     parts = [ball(), cuboid((0.12, 0.12, 0.12)), cuboid((0.06, 0.06, 0.06))]

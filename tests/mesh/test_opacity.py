@@ -52,7 +52,7 @@ def test_what_no_view_sees_is_invalid(kind, setting):
     assert state.tolist() == [SOLID, INVALID, INVALID]
 
 
-def test_minimum_over_views_matches_the_twin(setting):
+def test_minimum_over_views_matches_the_reference(setting):
     field, views, masks = setting
     points = np.random.default_rng(1).normal(size=(60, 3)) * 0.55
     points = points.astype(np.float32).astype(np.float64)
@@ -133,7 +133,7 @@ def test_without_the_hull_background_frees_nothing(setting):
     assert fused.classify(np.zeros((1, 3)))[0] == SOLID
 
 
-def test_views_that_show_a_point_on_background_judge_it_where_every_view_does(setting):
+def test_views_that_show_a_point_on_background_count_where_every_view_does(setting):
     """Behind the ball: the one view that shows the point inside its mask sees the ball first, others see the point."""
     field, views, masks = setting
     masks = [masks[0], *(np.full_like(m, OUTSIDE) for m in masks[1:])]
@@ -169,5 +169,5 @@ def test_hull_rule():
 def test_spread_order_starts_far_apart():
     centres = np.array([camera(p).centre for p in ((4.0, 0, 0), (3.9, 0.1, 0), (-4.0, 0, 0), (0, 4.0, 0))])
     order = spread_order(centres)
-    assert sorted(order) == [0, 1, 2, 3] and order[-1] in (0, 1)  # the twins are never both early
+    assert sorted(order) == [0, 1, 2, 3] and order[-1] in (0, 1)  # two cameras in one place are never both early
     assert spread_order(np.zeros((0, 3))) == []

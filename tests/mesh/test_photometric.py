@@ -61,7 +61,7 @@ def variant(request: pytest.FixtureRequest) -> Iterator[str]:
     library.use_variant("")
 
 
-def test_kernel_equals_its_twin(variant: str) -> None:
+def test_kernel_equals_its_reference(variant: str) -> None:
     generator = np.random.default_rng(0)
     noisy = replace(FIRST, depth=(FIRST.depth * generator.normal(1, 0.004, FIRST.depth.shape)).astype(np.float32))
     noisy.depth[10:20, 5:40] = 0
@@ -82,7 +82,7 @@ def test_kernel_equals_its_twin(variant: str) -> None:
     ]  # fmt: skip
     expected, seen = sum(f[0] for f in found), sum(f[1] for f in found)
     assert {0, 1, 2} == set(seen.tolist()) and 200 < seen.sum() < 900
-    # A pixel whose depth lies on a threshold to the last bit may be judged either way.
+    # A pixel whose depth lies on a threshold to the last bit may fall either way.
     same = counts == seen
     assert same.mean() > 0.995
     assert np.abs(scores - expected)[same].max() < 2e-3

@@ -78,7 +78,7 @@ def kernel(mesh: Mesh, cell: NDArray[np.int32], tolerance: float) -> tuple[NDArr
     "mesh", [fine(cuboid(), 0.06, 0.002), ball(subdivisions=5), fine(cuboid((1, 0.03, 0.03)), 0.02)]
 )
 @pytest.mark.parametrize("side", [0.1, 0.25])
-def test_the_kernel_merges_what_its_plain_twin_does(mesh: Mesh, side: float) -> None:
+def test_the_kernel_merges_what_its_plain_reference_does(mesh: Mesh, side: float) -> None:
     cell = grid(mesh, side)
     at, into = kernel(mesh, cell, 0.004)
     found = [set(np.flatnonzero(into == first).tolist()) for first in np.flatnonzero(np.bincount(into) > 1)]

@@ -165,18 +165,18 @@ def assert_gradients_agree(found: Result, expected: Result, tolerance: float) ->
             assert difference <= tolerance * largest + 1e-6 * steepest + 1e-9, f"{name}: {difference} of {largest}"
 
 
-_twins: dict[bytes, Result] = {}
+_references: dict[bytes, Result] = {}
 
 
-def _twin(field: Gaussians, view: Camera, weights: dict[str, Tensor], error_map: Tensor, options: dict) -> Result:
+def _reference(field: Gaussians, view: Camera, weights: dict[str, Tensor], error_map: Tensor, options: dict) -> Result:
     """The reference's result, computed once for all backends."""
     inputs = [*vars(field).values(), *weights.values(), error_map]
     key = hashlib.sha256(repr((view, options)).encode())
     for tensor in inputs:
         key.update(tensor.detach().numpy().tobytes())
-    if key.digest() not in _twins:
-        _twins[key.digest()] = run(field, view, "reference", weights, error_map, **options)
-    return _twins[key.digest()]
+    if key.digest() not in _references:
+        _references[key.digest()] = run(field, view, "reference", weights, error_map, **options)
+    return _references[key.digest()]
 
 
 def assert_agrees(
@@ -195,7 +195,7 @@ def assert_agrees(
     certain = ~reference.uncertain(field, view, sh_degree, tile_mask, limit.margin)
     weights = random_weights(view, output_names(outputs), seed, certain)
     error_map = torch.rand(view.height, view.width, generator=torch.Generator().manual_seed(seed)) * certain
-    expected = _twin(field, view, weights, error_map, options)
+    expected = _reference(field, view, weights, error_map, options)
     found = expected if backend == "reference" else run(field, view, backend, weights, error_map, **options)
     assert_finite(expected)
     assert_finite(found)

@@ -27,7 +27,7 @@ def take(values: list[torch.Tensor], step: AdamStep, visible: torch.Tensor | Non
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("case", ["all", "seen", "rates", "columns"])
 def test_agrees_with_plain_torch(backend: str, shape: tuple[int, ...], case: str) -> None:
-    ours, twin = [t.to(device_of(backend)) for t in tensors(*shape)], tensors(*shape)
+    ours, reference = [t.to(device_of(backend)) for t in tensors(*shape)], tensors(*shape)
     width = ours[0].shape[1:].numel()
     seen = torch.rand(shape[0], generator=torch.Generator().manual_seed(1)) < 0.6 if case != "all" else None
     rate = torch.linspace(0.01, 0.1, width) if case in ("rates", "columns") else 0.02
@@ -35,8 +35,8 @@ def test_agrees_with_plain_torch(backend: str, shape: tuple[int, ...], case: str
     for step in (1, 2, 50):
         shown = None if seen is None else seen.to(ours[0].device)
         take(ours, AdamStep(rate, step), shown, active=active, backend=backend)
-        take(twin, AdamStep(rate, step), seen, active=active, backend="reference")
-    for a, b, start in zip([t.cpu() for t in ours], twin, tensors(*shape), strict=True):
+        take(reference, AdamStep(rate, step), seen, active=active, backend="reference")
+    for a, b, start in zip([t.cpu() for t in ours], reference, tensors(*shape), strict=True):
         assert torch.allclose(a, b, rtol=1e-5, atol=1e-5)  # steps of up to 10 where v is almost 0
         if seen is not None:
             assert torch.equal(a[~seen], start[~seen]), "a row that was not seen has changed"

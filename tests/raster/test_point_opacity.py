@@ -72,13 +72,13 @@ def backend(request: pytest.FixtureRequest) -> str:
 
 @pytest.mark.parametrize("name", FIELDS)
 @pytest.mark.parametrize("distance", [4.0, 0.3])  # 0.3: among the Gaussians, some behind and some near the camera
-def test_matches_the_twin(name, distance, backend):
+def test_matches_the_reference(name, distance, backend):
     camera, points = view(distance), cloud().astype(np.float32).astype(np.float64)
     lowest, verdict = ask(FIELDS[name], points, camera, backend=backend)
     seen = verdict == SEEN
     assert seen.sum() > 50
-    twin = opacity_of_points(points[seen], FIELDS[name], camera, NEAR).numpy()
-    error = np.abs(lowest[seen, 0] - twin)
+    expected = opacity_of_points(points[seen], FIELDS[name], camera, NEAR).numpy()
+    error = np.abs(lowest[seen, 0] - expected)
     # a response that meets 1/255 in one and misses it in the other moves the result by at most 1/255
     assert np.quantile(error, 0.995) < TOLERANCE and error.max() < 2.1 / 255
     assert (lowest[seen, 1] == 2).all() and (lowest[~seen] == 2).all()
@@ -91,9 +91,9 @@ def test_pancakes_facing_away_and_edge_on(backend):
     camera, points = view(), cloud().astype(np.float32).astype(np.float64)
     lowest, verdict = ask(flat, points, camera, backend=backend)
     seen = verdict == SEEN
-    twin = opacity_of_points(points[seen], flat, camera, NEAR).numpy()
+    expected = opacity_of_points(points[seen], flat, camera, NEAR).numpy()
     # discs 0.002 of their size thick: float32 depths of points near their plane carry errors of 1e-7 / 1e-4 deviations
-    assert np.quantile(np.abs(lowest[seen, 0] - twin), 0.98) < 1e-2
+    assert np.quantile(np.abs(lowest[seen, 0] - expected), 0.98) < 1e-2
 
 
 @pytest.mark.parametrize("size", [(1, 1), (17, 16), (33, 50), (160, 7)])
@@ -101,8 +101,8 @@ def test_odd_image_sizes(size, backend):
     camera, points = view(4.0, *size, focal=30.0), cloud().astype(np.float32).astype(np.float64)
     lowest, verdict = ask(FIELDS["many"], points, camera, backend=backend)
     seen = verdict == SEEN
-    twin = opacity_of_points(points[seen], FIELDS["many"], camera, NEAR).numpy()
-    error = np.abs(lowest[seen, 0] - twin)
+    expected = opacity_of_points(points[seen], FIELDS["many"], camera, NEAR).numpy()
+    error = np.abs(lowest[seen, 0] - expected)
     assert seen.any() and np.median(error) < TOLERANCE and error.max() < 2.1 / 255
 
 

@@ -36,14 +36,14 @@ def test_records_answer_like_the_covariance(variant: str) -> None:
     assert 100 < listed.sum() < 200
     records = lists.records[listed]
     pixels = torch.rand(300, 2, dtype=torch.float64) * torch.tensor([45.0, 35.0])
-    twin = reference.respond(seen, view, pixels)
-    place = torch.empty_like(twin.order)
-    place[twin.order] = torch.arange(200)
+    response = reference.respond(seen, view, pixels)
+    place = torch.empty_like(response.order)
+    place[response.order] = torch.arange(200)
     free, t = answer(records, pixels)
     shows = free > 1 / 255
     assert shows.sum() > 1000
-    assert torch.allclose(free[shows], twin.free[place[listed]][shows], rtol=2e-4, atol=1e-6)
-    assert torch.allclose(t[shows], twin.t[place[listed]][shows], rtol=1e-5)
+    assert torch.allclose(free[shows], response.free[place[listed]][shows], rtol=2e-4, atol=1e-6)
+    assert torch.allclose(t[shows], response.t[place[listed]][shows], rtol=1e-5)
     for columns, expected in (
         (slice(0, 2), seen.pixel),
         (slice(13, 14), seen.opacity[:, None]),

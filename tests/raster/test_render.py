@@ -43,7 +43,7 @@ def test_one_round_gaussian_in_the_middle(backend: str) -> None:
 
 @pytest.mark.parametrize("sh_degree", [0, 1, 2, 3])
 @pytest.mark.parametrize("outputs", ["all", "basic"])
-def test_agrees_with_the_twin(backend: str, sh_degree: int, outputs: str) -> None:
+def test_agrees_with_the_reference(backend: str, sh_degree: int, outputs: str) -> None:
     assert_agrees(gaussians(150, seed=sh_degree), camera(seed=sh_degree), backend, sh_degree=sh_degree, outputs=outputs)
 
 
@@ -81,7 +81,7 @@ def test_gradients_match_finite_differences() -> None:
     assert torch.autograd.gradcheck(loss, given, eps=1e-6, atol=1e-4, rtol=1e-4)
 
 
-def test_kernel_gradients_match_differences_of_the_twin(variant: str) -> None:
+def test_kernel_gradients_match_differences_of_the_reference(variant: str) -> None:
     """A step along the kernels' gradient changes the reference's loss by as much as the gradient says."""
     field, view = gaussians(40, seed=5), camera()
     certain = ~reference.uncertain(field, view, 3, None, 2e-2)
@@ -104,12 +104,13 @@ def test_kernel_gradients_match_differences_of_the_twin(variant: str) -> None:
 def test_statistics(backend: str) -> None:
     field, view = gaussians(120, seed=4), camera()
     found = assert_agrees(field, view, backend)
-    twin = assert_agrees(field, view, "reference")
-    assert torch.equal(found.stats.count, twin.stats.count) and found.stats.count.max() == 1
-    assert torch.allclose(found.stats.weight, twin.stats.weight, rtol=1e-4, atol=0.02)
-    shown = twin.stats.count > 0
-    difference = (found.stats.max_radius - twin.stats.max_radius)[shown]  # the kernels' footprint has a small margin
-    assert difference.min() > -1e-2 and (difference / twin.stats.max_radius[shown]).max() < 0.01
+    expected = assert_agrees(field, view, "reference")
+    assert torch.equal(found.stats.count, expected.stats.count) and found.stats.count.max() == 1
+    assert torch.allclose(found.stats.weight, expected.stats.weight, rtol=1e-4, atol=0.02)
+    shown = expected.stats.count > 0
+    # The kernels' footprint has a small margin.
+    difference = (found.stats.max_radius - expected.stats.max_radius)[shown]
+    assert difference.min() > -1e-2 and (difference / expected.stats.max_radius[shown]).max() < 0.01
     assert float(found.stats.weight.sum()) == pytest.approx(float(found.rendering.alpha.detach().sum()), rel=1e-4)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gaussians and frames at the edge of what can happen; outputs and gradients agree with the twin and are finite."""
+"""Extreme Gaussians and frames: outputs and gradients agree with the reference and are finite."""
 
 from __future__ import annotations
 
@@ -250,7 +250,7 @@ def beyond_float32(seed: int) -> tuple[Gaussians, Camera]:
 
 
 @pytest.mark.parametrize("seed", [289, 449, 569, 1228, 1668, 1829, 1964, 2458])  # of 3,000, those that gave NaN
-@pytest.mark.parametrize("backend", ["cpu", "cuda-source-on-cpu"])  # the twin has NaN there
+@pytest.mark.parametrize("backend", ["cpu", "cuda-source-on-cpu"])  # the reference has NaN there
 def test_gradients_beyond_float32_count_as_none(variant: str, backend: str, seed: int) -> None:
     field, view = beyond_float32(seed)
     weights = random_weights(view, OUTPUTS, seed, torch.ones(35, 45, dtype=torch.bool))

@@ -71,7 +71,7 @@ def at_random(photo: StereoPhoto, seed: int = 0) -> PixelPlanes:
 
 
 @pytest.mark.parametrize("consistent", [False, True])
-def test_kernel_equals_its_twin(variant: str, consistent: bool) -> None:
+def test_kernel_equals_its_reference(variant: str, consistent: bool) -> None:
     planes, photo, others = at_random(PHOTOS[0]), PHOTOS[0], PHOTOS[1:]
     held = [np.where(np.arange(WIDTH) < 60, t, 0).astype(np.float32) for t in TRUTH[1:]]
     fields = np.zeros((4, HEIGHT * WIDTH), np.float32)

@@ -72,7 +72,7 @@ def test_points_snap_to_the_common_place_of_their_planes() -> None:
     np.testing.assert_array_equal(on, [[True, True], [True, False], [False, False]])
 
 
-def test_points_among_many_planes_move_as_those_of_the_twin() -> None:
+def test_points_among_many_planes_move_as_those_of_the_reference() -> None:
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(40, 3))
     normals[20:] = normals[:20] + rng.normal(scale=0.05, size=(20, 3))  # nearly parallel ones

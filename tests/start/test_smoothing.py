@@ -67,7 +67,7 @@ def test_no_point_moves_further_than_it_may() -> None:
     assert np.linalg.norm(points - rough, axis=1).max() <= 0.5 * PIXEL * (1 + 1e-6)
 
 
-def test_kernel_and_twin_agree(variant: None) -> None:
+def test_kernel_and_reference_agree(variant: None) -> None:
     rough = np.concatenate([wall(step=4), np.random.default_rng(1).uniform(-1, 1, (200, 3))])
     points, normals = smooth_points(rough, 0 * rough, PIXEL, replace(OPTIONS, rounds=1))
     near = cKDTree(rough).query(rough, OPTIONS.neighbours)[1]

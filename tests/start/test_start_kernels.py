@@ -37,7 +37,7 @@ def variant(request: pytest.FixtureRequest):
     library.use_variant("")
 
 
-def test_matching_is_that_of_the_twin(segments: Segments, variant: None) -> None:
+def test_matching_is_that_of_the_reference(segments: Segments, variant: None) -> None:
     neighbours = choose_neighbours(segments)
     lines, score = match_segments(segments, neighbours)
     assert np.count_nonzero(score > 2) > 20
@@ -70,7 +70,7 @@ def test_segments_of_a_known_line_are_fitted_to_it(views: StartViews, variant: N
 
 
 @pytest.mark.parametrize("options", [OutsideOptions(1, 0.0), OutsideOptions(2, 0.12), OutsideOptions(1, 0.5, 0.5)])
-def test_points_outside_of_masks_are_those_of_the_twin(
+def test_points_outside_of_masks_are_those_of_the_reference(
     views: StartViews, options: OutsideOptions, variant: None
 ) -> None:
     points = np.random.default_rng(1).uniform(-3, 3, (200, 3))
@@ -106,7 +106,7 @@ def shape() -> Tetrahedra:
     return Tetrahedra(points, orient_positive(points, delaunay(points)))
 
 
-def test_the_tables_are_those_of_the_twins(variant: None) -> None:
+def test_the_tables_are_those_of_the_reference(variant: None) -> None:
     points = np.random.default_rng(3).random((3000, 3))
     shape = Tetrahedra(points, delaunay(points))
     first, listed = shape.around()
@@ -124,7 +124,7 @@ def test_neighbours_share_three_corners(shape: Tetrahedra) -> None:
             assert holders == ([] if other < 0 else [other])
 
 
-def test_rays_pass_the_cells_that_the_twin_finds(shape: Tetrahedra, variant: None) -> None:
+def test_rays_pass_the_cells_that_the_reference_finds(shape: Tetrahedra, variant: None) -> None:
     centres = np.array([[0.5, 0.5, 3.0], [-2.0, 0.4, 0.3]])
     inner = np.argsort(np.abs(shape.points - 0.5).max(1))[:8].astype(np.int32)  # none at the rim
     for number, centre in enumerate(centres):

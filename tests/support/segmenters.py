@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What segmenters are asked in tests, and how their answers are judged."""
+"""What segmenters are asked in tests, and how their answers are scored."""
 
 from __future__ import annotations
 

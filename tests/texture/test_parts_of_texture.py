@@ -30,7 +30,7 @@ def strip() -> np.ndarray:
     return both.reshape(-1, 3).astype(np.int32)
 
 
-def sights(sizes: np.ndarray) -> FaceViews:
+def face_views(sizes: np.ndarray) -> FaceViews:
     """From sizes [views, faces], 0 where a view does not show a face."""
     view, face = np.nonzero(sizes)
     return FaceViews(view.astype(np.int32), face.astype(np.int32), sizes[view, face].astype(np.float32), sizes.shape[1])
@@ -38,7 +38,7 @@ def sights(sizes: np.ndarray) -> FaceViews:
 
 def choose(sizes: np.ndarray) -> np.ndarray:
     faces = strip()
-    return choose_views(sights(sizes), face_neighbours(faces), np.ones(len(faces)))
+    return choose_views(face_views(sizes), face_neighbours(faces), np.ones(len(faces)))
 
 
 def test_neighbours_share_an_edge() -> None:
@@ -178,8 +178,8 @@ def test_a_photo_in_another_colour_than_the_others_is_taken_only_where_no_other_
     assert not (label[seen_elsewhere] == 0).any()
 
 
-def test_sights_that_are_small_beside_others_are_dropped_underway() -> None:
-    """What is dropped is what nobody asks for, and never all sights are held."""
+def test_views_that_are_small_beside_others_are_dropped_underway() -> None:
+    """What is dropped is what nobody asks for, and never all views are held."""
     rng, faces, views = np.random.default_rng(2), 400, 500
     shown = [np.sort(rng.choice(faces, faces // 10, replace=False)).astype(np.int32) for _ in range(views)]
     sizes = [(rng.random(len(f)) ** 4).astype(np.float32) for f in shown]

@@ -38,7 +38,9 @@ class SilhouetteConsistencyOptions:
         0.4, "Width of the range of probability, around a half, in which a region is neither in nor out", low=0.01
     )
     plants: tuple[float, float] = parameter(
-        (0.25, 0.75), "Likeness to plants between which a region counts less and less: it may hide the building", high=1
+        (0.25, 0.75),
+        "Similarity to plants between which a region counts less and less: it may hide the building",
+        high=1,
     )
     least_views: int = parameter(3, "Minimum number of other photos that must have a cell in their frame", low=1)
     shares: tuple[float, float, float] = parameter(

@@ -38,7 +38,7 @@ class LabelGraph:
         start: first node of each photo's regions, and their number, [V + 1].
         observed: region node of each observation of the scene, [T]; ``added_observed`` those of the added points.
         laplacian: sparse [N, N]; degree: sum of each node's edge weights, [N].
-        sky: piece of sky of each node, 0 for none, [N]; plants: likeness to leaves and grass, [N].
+        sky: piece of sky of each node, 0 for none, [N]; plants: similarity to leaves and grass, [N].
     """
 
     def __init__(

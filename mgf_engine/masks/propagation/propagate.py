@@ -220,7 +220,7 @@ class _Propagator:
         reasons = [
             flag_reason(self.labels[i], float(self.scores[i]), float(disagreement[i]), flags) for i in self.views
         ]
-        reasons = self._judge_by_clicks(reasons)
+        reasons = self._test_without_points(reasons)
         used = np.array([not r for r in reasons], bool)
         voters = [i for i in self.views if used[i]] or list(self.views)
         accepted = self._accepted(self.full, voters)
@@ -256,13 +256,13 @@ class _Propagator:
         messages = PromptMessages(self.graph, self.original, self.labels)
         return messages.sentences(outliers, self.confirmed, ignored=self.prompts is not self.original)
 
-    def _judge_by_clicks(self, reasons: list[str]) -> list[str]:
+    def _test_without_points(self, reasons: list[str]) -> list[str]:
         """Replace flags that rest on too few points: test those masks by clicks and the other masks instead."""
         kept = self._accepted(self.scene, list(self.views))
         least = self.config.algorithm(CrossViewOptions).least_points
-        judged = [len(observed_pixels(self.scene, i, kept)) >= least or i in self.prompts for i in self.views]
+        tested = [len(observed_pixels(self.scene, i, kept)) >= least or i in self.prompts for i in self.views]
         masks = MaskSet(tuple(self.labels), np.array([not r for r in reasons]), self.scores, kept)
-        return flag_by_masks(self.scene, masks, reasons, np.array(judged), self.config.algorithm(FlagOptions))
+        return flag_by_masks(self.scene, masks, reasons, np.array(tested), self.config.algorithm(FlagOptions))
 
     def _positive(self, index: int) -> NDArray[np.float64]:
         return self.prompts.get(index, Clicks()).positive

@@ -64,7 +64,7 @@ def flag_by_masks(
     scene: Scene,
     masks: MaskSet,
     reasons: list[str],
-    judged: NDArray[np.bool_],
+    tested: NDArray[np.bool_],
     options: FlagOptions = FlagOptions(),
 ) -> list[str]:
     """Return why each mask without enough points to test it is left out: the visual hull of the others contradicts it.
@@ -73,12 +73,12 @@ def flag_by_masks(
         scene: normalised frame.
         masks: those used are the others.
         reasons: per view, why it is flagged already (empty where it is fine).
-        judged: bool [V], views whose reason stands, since enough points lie in their masks.
+        tested: bool [V], views whose reason stands, since enough points lie in their masks.
         options: when the other photos' masks contradict one.
     """
     result = list(reasons)
     used = np.flatnonzero(masks.used).tolist()
-    for index in np.flatnonzero(~judged).tolist():
+    for index in np.flatnonzero(~tested).tolist():
         if float(building(masks.labels[index]).mean()) < options.least_building:
             continue
         share = hull_agreement(scene, masks, [i for i in used if i != index], index, options.hull)

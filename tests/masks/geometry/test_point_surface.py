@@ -67,7 +67,7 @@ def test_projection_is_that_of_the_view():
 
 
 def nearest_disc(surface: SampledSurface, view: View, h: int, w: int) -> np.ndarray:
-    """Plain twin: each sample's disc, its radius one of a few, drawn with its depth where nothing nearer is."""
+    """Plain reference: each sample's disc, its radius one of a few, drawn with its depth where nothing nearer is."""
     places, depth, _ = surface.project(view, h, w)
     radius = SurfaceOptions.splat * surface.cell * view.fx / depth * w / view.width
     level = np.clip(np.round(2 * np.log2(np.maximum(radius, 1))), 0, 2 * np.log2(max(h, w) / 4)).astype(int)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masks that no sparse point judges are judged by the other photos' masks."""
+"""Masks that no sparse point tests are tested by the other photos' masks."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def test_without_points_only_a_contradiction_leaves_a_mask_out(plain: PlainHouse
     labels[3][:60, :60] = 1
     weak = "mask and points agree only to 0%"
     reasons = ["", weak, weak, ""] + [""] * 12
-    judged = np.ones(16, bool)
-    judged[[1, 3]] = False  # points judge the third photo's mask
+    tested = np.ones(16, bool)
+    tested[[1, 3]] = False  # points test the third photo's mask
     used = np.array([not r for r in reasons])
-    found = flag_by_masks(plain.scene, replace(plain.masks, labels=tuple(labels), used=used), reasons, judged)
+    found = flag_by_masks(plain.scene, replace(plain.masks, labels=tuple(labels), used=used), reasons, tested)
     assert found[1] == "" and found[2] == weak
     assert found[3].startswith("the other photos' masks agree with it only to")
     assert not any(found[4:])

@@ -24,7 +24,7 @@ def test_densities_are_those_of_the_components():
     assert mixture.log_density(x) == pytest.approx(np.logaddexp.reduce(wanted, axis=1), rel=1e-9, abs=1e-9)
 
 
-def test_materials_are_told_apart_and_strangers_are_not_judged():
+def test_materials_are_told_apart_and_unknown_materials_have_no_odds():
     x = features(400)
     bright = fit_mixture(x, (np.arange(400) % 2 == 0).astype(float), 4, 0)
     dark = fit_mixture(x, (np.arange(400) % 2 == 1).astype(float), 4, 0)

@@ -186,7 +186,7 @@ def replace_scene(graph: LabelGraph, scene: Scene) -> LabelGraph:
 def test_silhouettes_count_less_where_plants_may_hide_the_building(
     scene: Scene, graph: LabelGraph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Likeness to plants from 0 to 1, and probabilities from 0 to 1, over the regions of a photo."""
+    """Similarity to plants from 0 to 1, and probabilities from 0 to 1, over the regions of a photo."""
     green = copy(graph)
     green.plants = np.resize(np.linspace(0, 1, 11), len(graph.plants))
     probability, asked = np.resize(np.linspace(1, 0, 7), len(graph.plants)), []

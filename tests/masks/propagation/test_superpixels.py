@@ -52,11 +52,11 @@ def test_superpixels_are_those_of_opencv(size: tuple[int, int], grain: float):
     noise = cv2.GaussianBlur(rng.uniform(0, 255, (*size, 3)).astype(np.float32), (0, 0), grain)
     picture = np.clip(128 + (noise - 128) * (1 + grain), 0, 255).astype(np.uint8)
     picture[: size[0] // 3, : size[1] // 2] = (200, 120, 130)  # even: nothing to choose by but place
-    twin = cv2.ximgproc.createSuperpixelSLIC(
+    opencv = cv2.ximgproc.createSuperpixelSLIC(
         picture, cv2.ximgproc.SLIC, SuperpixelOptions.side, SuperpixelOptions.compactness
     )
-    twin.iterate(SuperpixelOptions.rounds)
-    twin.enforceLabelConnectivity(SuperpixelOptions.speck)
+    opencv.iterate(SuperpixelOptions.rounds)
+    opencv.enforceLabelConnectivity(SuperpixelOptions.speck)
     labels = np.empty(size, np.int32)
     assert (
         call(
@@ -71,7 +71,7 @@ def test_superpixels_are_those_of_opencv(size: tuple[int, int], grain: float):
         )
         == 0
     )
-    np.testing.assert_array_equal(labels, twin.getLabels())
+    np.testing.assert_array_equal(labels, opencv.getLabels())
 
 
 def test_lookup_clamps_to_the_frame():

@@ -78,7 +78,7 @@ def test_a_hole_in_more_photos_than_the_share_allows_is_sky() -> None:
     assert (mirrored(labels, HOLES[FACING], held=0.8) == HOLES[FACING]).all()
 
 
-def test_each_hole_is_judged_by_itself() -> None:
+def test_each_hole_is_tested_by_itself() -> None:
     """A pane beside the arch."""
     pane = np.zeros_like(HOLES[FACING])
     middle = np.argwhere(CLOSED[FACING] > 0).mean(0).astype(int)
