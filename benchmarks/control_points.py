@@ -27,7 +27,7 @@ from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.georef.adjust import fit_to_control
-from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points
@@ -104,7 +104,7 @@ def write_inputs(folder: Path, out: Path, targets: Sequence[Target], noise: Nois
     (out / "sparse").symlink_to(folder / "sparse")
     for image in pycolmap.Reconstruction(folder / "sparse_truth").images.values():
         at = image.projection_center() + ORIGIN + rng.normal(0, noise.gps, 3)
-        latitude, longitude, height = Projection(CRS).places(at[None])[0]
+        latitude, longitude, height = ProjectedCrs(CRS).places(at[None])[0]
         _stamp(folder / "images" / image.name, out / "images" / image.name, latitude, longitude, height)
     told, points, marks = {}, ["name,east,north,height,accuracy,role"], ["name,photo,x,y"]
     for target in targets:

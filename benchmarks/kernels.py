@@ -25,7 +25,7 @@ from benchmarks.arguments import picture_size
 from mgf_engine.field import reference_losses
 from mgf_engine.field.losses import LossOptions, LossTerms, total_loss
 from mgf_engine.field.optimiser import TRAINED
-from mgf_engine.field.synthetic import building, corner_view, noise_target
+from mgf_engine.field.synthetic import corner_view, noise_target, synthetic_building
 from mgf_engine.field.targets import Target
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.native import library
@@ -63,7 +63,7 @@ class Iteration:
     """
 
     def __init__(self, n: int, width: int, height: int, outputs: str, sh_degree: int, share: float = 1.0) -> None:
-        self.field, self.camera, self.degree = building(n), corner_view(width, height), sh_degree
+        self.field, self.camera, self.degree = synthetic_building(n), corner_view(width, height), sh_degree
         self.geometry = outputs == "all"
         self.raw = cpu.Parameters.of_field(self.field)
         self.moments = [torch.zeros(2, *t.shape) for t in self.raw.all[:5]]
@@ -113,7 +113,7 @@ def parts_table(n: int, width: int, height: int, outputs: str, rounds: int) -> d
 
 def ratio_to_reference(n: int, width: int, height: int) -> float:
     """How many times longer the torch reference takes than the best variant, forward and backward, one small scene."""
-    gaussians, camera = building(n, size=0.1), corner_view(width, height)
+    gaussians, camera = synthetic_building(n, size=0.1), corner_view(width, height)
     for name in TRAINED:
         getattr(gaussians, name).requires_grad_()
     used = {}
@@ -127,7 +127,7 @@ def ratio_to_reference(n: int, width: int, height: int) -> float:
 
 def ratio_to_torch_tiles(n: int, width: int, height: int) -> float:
     """Return how many times longer blending takes in torch, tile by tile with autograd, forward and backward."""
-    raw, camera = cpu.Parameters.of_field(building(n)), corner_view(width, height)
+    raw, camera = cpu.Parameters.of_field(synthetic_building(n)), corner_view(width, height)
     lists, clock = cpu.list_tiles(raw, camera, 3, None), Clock()
     ones = torch.ones(height, width)
     outputs = cpu.OutputGradients(torch.ones(3, height, width), ones, ones, None, torch.ones(3, height, width), ones)

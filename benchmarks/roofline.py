@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from benchmarks.arguments import picture_size
-from mgf_engine.field.synthetic import building, corner_view
+from mgf_engine.field.synthetic import corner_view, synthetic_building
 from mgf_engine.native import library
 from mgf_engine.raster import cpu
 
@@ -64,7 +64,7 @@ class Roofline:
 def measure(gaussians: int, width: int, height: int, rounds: int = 5) -> Roofline:
     """Measure the roofline of the loaded kernel variant on a synthetic building seen by one camera."""
     peak, bandwidth = _peak(rounds), _bandwidth(rounds)
-    field, camera = building(gaussians), corner_view(width, height)
+    field, camera = synthetic_building(gaussians), corner_view(width, height)
     raw = cpu.Parameters.of_field(field)
     lists = cpu.list_tiles(raw, camera, 2, None)
     image, hits = cpu.blend(lists, geometry=True)

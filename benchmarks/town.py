@@ -28,7 +28,7 @@ from benchmarks.town_houses import HOUSES, TORN_DOWN, TOWNS, House, around, move
 from benchmarks.town_painted import paint_views
 from benchmarks.truth import write_truth
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.system import write_json
 
 CRS = "EPSG:25832"
@@ -112,7 +112,7 @@ def make_town(
 def write_photos(folder: Path, spec: SceneSpec, shots: list[Shot], rng: np.random.Generator) -> None:
     """Rendered pictures become photos with the place of their camera in EXIF."""
     (folder / "images").mkdir(exist_ok=True)
-    projection = Projection(CRS)
+    projection = ProjectedCrs(CRS)
     for i, shot in enumerate(shots):
         picture = cv2.imread(str(folder / "work/photos" / (Path(shot.name).stem + ".png")), cv2.IMREAD_COLOR)
         assert picture is not None

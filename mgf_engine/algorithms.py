@@ -53,6 +53,8 @@ RENAMED_OPTIONS = {
     "tsdf.through": "tsdf.free_space_alpha",
     "tsdf.through_weight": "tsdf.free_space_weight",
     "mesh_refinement.sure": "mesh_refinement.search_tolerance",
+    "ground_homography.colour": "ground_homography.color",
+    "start_lines.colour": "start_lines.color",
 }
 
 

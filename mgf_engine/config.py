@@ -20,7 +20,7 @@ from mgf_engine.algorithms import (
 )
 from mgf_engine.costs import COSTS
 from mgf_engine.errors import BadInput
-from mgf_engine.option_values import check_limits, convert, shown
+from mgf_engine.option_values import check_limits, convert, shorten
 from mgf_engine.presets import PRESET_HELP, PRESETS
 from mgf_engine.stages import SECTIONS, STAGES
 
@@ -294,6 +294,6 @@ def _convert(spec: Any, value: Any) -> Any:
     meta, result = spec.metadata, convert(spec.name, value, spec.default)
     result = RENAMED.get(spec.name, {}).get(result, result) if isinstance(result, str) else result
     if meta["choices"] and result not in meta["choices"]:
-        raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{shown(value)}'.")
+        raise BadInput(f"Option {spec.name} is one of {', '.join(meta['choices'])}, not '{shorten(value)}'.")
     check_limits(spec.name, result, meta["low"], meta["high"])
     return result

@@ -9,7 +9,7 @@ from mgf_engine.config import Config
 from mgf_engine.estimate import Estimate, PhotoSummary, quantities
 from mgf_engine.memory import GB
 from mgf_engine.memory_check import shortage
-from mgf_engine.terminal import duration
+from mgf_engine.terminal import format_duration
 
 
 def estimate_to_dict(estimate: Estimate, config: Config, photos: PhotoSummary, budget: float) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def format_estimate(data: dict[str, Any]) -> str:
              f"{data['building']:.0%} of them; {data['threads']} threads, {data['iterations']} iterations", "",
              f"{'stage':<10}{'time':>14}{'memory':>12}"]  # fmt: skip
     for name, stage in data["stages"].items():
-        lines.append(f"{name:<10}{duration(stage['seconds']):>14}{stage['bytes'] / GB:>9.1f} GB")
-    lines.append(f"{'together':<10}{duration(data['seconds']):>14}{data['bytes'] / GB:>9.1f} GB")
+        lines.append(f"{name:<10}{format_duration(stage['seconds']):>14}{stage['bytes'] / GB:>9.1f} GB")
+    lines.append(f"{'together':<10}{format_duration(data['seconds']):>14}{data['bytes'] / GB:>9.1f} GB")
     lines += ["", f"{data['allowed'] / GB:.1f} GB may be used."]
     return "\n".join([*lines, data["shortage"]] if data["shortage"] else lines)

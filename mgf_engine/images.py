@@ -115,7 +115,7 @@ def read_rgb(path: Path, *, turn: bool = False) -> NDArray[np.uint8]:
     return image  # type: ignore[return-value]
 
 
-def turn(image: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+def apply_orientation(image: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
     """Apply an EXIF orientation (1..8) to [height, width, channels]."""
     if orientation in _SWAPPING:
         image = image.transpose(1, 0, 2)
@@ -123,7 +123,7 @@ def turn(image: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image[::rows, ::columns])
 
 
-def shrink(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+def resize(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
     """Resize with the area filter (cubic where the picture grows), corner to corner."""
     if image.shape[:2] == (height, width):
         return image

@@ -20,7 +20,7 @@ def convert(name: str, value: Any, default: Any) -> Any:
     try:
         return parse_tuple(default, value) if isinstance(default, tuple) else parse(type(default), value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise BadInput(f"Option {name} takes {kind_name(default)}, not '{shown(value)}'.") from error
+        raise BadInput(f"Option {name} takes {kind_name(default)}, not '{shorten(value)}'.") from error
 
 
 def check_limits(name: str, value: Any, low: float | None, high: float | None) -> None:
@@ -39,7 +39,7 @@ def check_limits(name: str, value: Any, low: float | None, high: float | None) -
         below, above = low is not None and number < low, high is not None and number > high
         if below or above:
             limit, wrong = (low, "at least") if below else (high, "at most")
-            raise BadInput(f"Option {name} must be {wrong} {limit:.10g}, not {shown(number)}.")
+            raise BadInput(f"Option {name} must be {wrong} {limit:.10g}, not {shorten(number)}.")
 
 
 def parse(kind: type, value: Any) -> Any:
@@ -82,7 +82,7 @@ def parse_tuple(default: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
     return tuple(parse(type(own), part) for own, part in zip(default, parts, strict=True))
 
 
-def shown(value: Any) -> str:
+def shorten(value: Any) -> str:
     """Shorten a value so that a sentence can hold it."""
     text = str(value) if not isinstance(value, int) or abs(value) < 10**50 else "a number of many digits"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -25,7 +25,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, photo_names
 from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
 from mgf_engine.system import cores, cpu_seconds, release_memory
-from mgf_engine.terminal import duration
+from mgf_engine.terminal import format_duration
 
 log = logging.getLogger("mgf")
 #: CPU seconds of a job below which its times, mostly those of starting up, do not measure the speed of the machine.
@@ -150,7 +150,8 @@ def _estimate_job(job: Job, stages: list[str], reporter: Reporter) -> PhotoSumma
     reporter.send(
         "estimate", seconds=round(seconds, 1), bytes=round(memory), allowed=round(allowed()),
         stages={name: round(value, 1) for name, value in found.seconds.items()},
-        text=f"About {duration(seconds)} and {memory / GB:.1f} GB of memory; {allowed() / GB:.1f} GB may be used.",
+        text=f"About {format_duration(seconds)} and {memory / GB:.1f} GB of memory; "
+        f"{allowed() / GB:.1f} GB may be used.",
     )  # fmt: skip
     return photos
 

@@ -45,7 +45,7 @@ def make_sink(style: str) -> Sink:
     return makers[style]()
 
 
-def duration(seconds: float | None) -> str:
+def format_duration(seconds: float | None) -> str:
     """Return seconds as people say them: ``42 s``, ``3 min 20 s``, ``1 h 5 min``; ``?`` for None."""
     if seconds is None:
         return "?"
@@ -90,7 +90,7 @@ def _sentence(message: Message) -> str | None:
     if kind == "result":
         figures = ", ".join(_figures(message))
         files = "\n".join(f"  {name}: {path}" for name, path in message["files"].items())
-        done = f"Done in {duration(message['seconds'])}." if message["seconds"] >= 1 else "Done."
+        done = f"Done in {format_duration(message['seconds'])}." if message["seconds"] >= 1 else "Done."
         return "\n".join((f"{done} {figures}".rstrip(), *([files] if files else []), *_suggestion(message)))
     return None
 
@@ -104,8 +104,8 @@ def _suggestion(message: Message) -> list[str]:
 def _left(message: Message) -> str:
     """Return the time left of the job; of the stage where the job has no estimate; nothing while both are unknown."""
     if message["job_seconds_left"] is not None:
-        return f"{duration(message['job_seconds_left'])} left in all"
-    return "" if message["seconds_left"] is None else f"{duration(message['seconds_left'])} left in this stage"
+        return f"{format_duration(message['job_seconds_left'])} left in all"
+    return "" if message["seconds_left"] is None else f"{format_duration(message['seconds_left'])} left in this stage"
 
 
 class _Plain:

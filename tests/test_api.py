@@ -90,7 +90,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
     for call in (
         lambda: mgf.reconstruct(tmp_path / "nowhere", out=tmp_path / "job"),
         lambda: mgf.read_scene(tmp_path / "nowhere", tmp_path / "job"),
-        lambda: mgf.read_scene(tmp_path, tmp_path / "job", colour=3),
+        lambda: mgf.read_scene(tmp_path, tmp_path / "job", color=3),
         lambda: mgf.evaluate(tmp_path / "a.ply", tmp_path / "b.ply"),
     ):
         with pytest.raises(mgf.BadInput) as error:

@@ -13,7 +13,7 @@ from PIL import Image
 
 from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_photo
 from mgf_engine.errors import BadInput
-from mgf_engine.images import read_info, read_rgb, shrink, turn, write_png
+from mgf_engine.images import apply_orientation, read_info, read_rgb, resize, write_png
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_exif_rotation_agrees_with_opencv(orientation: int, rgb: np.ndarray, tmp
     info = read_info(tmp_path / "x.jpg")
     assert info.orientation == orientation
     expected = read_rgb(tmp_path / "x.jpg", turn=True)
-    assert np.array_equal(turn(read_rgb(tmp_path / "x.jpg"), orientation), expected)
+    assert np.array_equal(apply_orientation(read_rgb(tmp_path / "x.jpg"), orientation), expected)
     assert info.turned_size == (expected.shape[1], expected.shape[0])
 
 
@@ -102,7 +102,7 @@ def test_a_header_with_a_mad_size_is_refused(tmp_path: Path) -> None:
 
 
 def test_resizing_averages(rgb: np.ndarray) -> None:
-    small = shrink(rgb, rgb.shape[1] // 4, rgb.shape[0] // 4)
+    small = resize(rgb, rgb.shape[1] // 4, rgb.shape[0] // 4)
     blocks = rgb.reshape(rgb.shape[0] // 4, 4, rgb.shape[1] // 4, 4, 3).mean((1, 3))
     assert np.abs(small - blocks).max() <= 0.51
 

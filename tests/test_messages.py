@@ -7,7 +7,7 @@ import pytest
 from mgf_engine.errors import Cancelled
 from mgf_engine.messages import STAGE_SHARE, Reporter, encode
 from mgf_engine.stages import STAGE_NAMES
-from mgf_engine.terminal import duration, make_sink
+from mgf_engine.terminal import format_duration, make_sink
 
 
 def test_every_message_is_one_line_of_json_with_its_schema() -> None:
@@ -117,4 +117,4 @@ def test_who_cancels_is_not_told_of_an_error(style: str, capsys) -> None:
 
 @pytest.mark.parametrize(("seconds", "text"), [(None, "?"), (3.2, "3 s"), (75, "1 min 15 s"), (3900, "1 h 5 min")])
 def test_durations_read_well(seconds: float | None, text: str) -> None:
-    assert duration(seconds) == text
+    assert format_duration(seconds) == text

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.option_values import check_limits, convert, shown
+from mgf_engine.option_values import check_limits, convert, shorten
 
 
 @pytest.mark.parametrize(
@@ -46,4 +46,4 @@ def test_limits_hold_for_each_number() -> None:
 
 
 def test_long_values_are_shortened() -> None:
-    assert len(shown("x" * 500)) == 60 and shown(10**60) == "a number of many digits" and shown(5) == "5"
+    assert len(shorten("x" * 500)) == 60 and shorten(10**60) == "a number of many digits" and shorten(5) == "5"

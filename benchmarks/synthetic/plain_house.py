@@ -41,7 +41,7 @@ def make_plain_house(folder: Path, photos: int = PHOTOS) -> PlainHouse:
         view = ring_view(k, photos)
         view = type(view)(**{**view.__dict__, "translation": view.translation + view.rotation @ OFFSET})
         face = render_mesh(both, scaled_view(view, 3)).face
-        colors = _colours(house)[np.minimum(face, len(house.faces))]
+        colors = _colors(house)[np.minimum(face, len(house.faces))]
         colors[face < 0] = _SKY
         size = (view.width, view.height)
         picture = cv2.resize(colors.astype(np.uint8), size, interpolation=cv2.INTER_AREA)
@@ -73,7 +73,7 @@ def _at_origin(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices - OFFSET, mesh.faces, mesh.colors)
 
 
-def _colours(house: Mesh) -> NDArray[np.int64]:
+def _colors(house: Mesh) -> NDArray[np.int64]:
     """Of each face of the house, and of the lawn at the end: a colour for each direction."""
     a, b, c = (house.vertices[house.faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)

@@ -45,7 +45,7 @@ _PATH_TOO_LONG = ("Windows Long Path support", "[WinError 206]", "[Errno 36]", "
 
 
 @dataclass(frozen=True)
-class Plan:
+class InstallPlan:
     """What to install from where.
 
     Attributes:
@@ -130,7 +130,7 @@ def _may_bring_cuda(default_index: bool) -> bool:
     return default_index and sys.platform == "linux"
 
 
-def make_task(plan: Plan, log: Path) -> Task:
+def make_task(plan: InstallPlan, log: Path) -> Task:
     """Make the steps of an installation; nothing runs before the task is drained.
 
     Raises:
@@ -149,10 +149,10 @@ def make_task(plan: Plan, log: Path) -> Task:
         log.parent.mkdir(parents=True, exist_ok=True)
         log.write_text(time.strftime("Installation started %Y-%m-%d %H:%M:%S\n"), encoding="utf-8")
     return Task(_steps(plan), log, explain, on_end=lambda task: _clear_away(task, plan.target),
-                finish=lambda: swap.put_in_place(plan.target))  # fmt: skip
+                finish=lambda: swap.replace_engine(plan.target))  # fmt: skip
 
 
-def _steps(plan: Plan) -> list[Step]:
+def _steps(plan: InstallPlan) -> list[Step]:
     place = swap.unfinished(plan.target)
     python = str(python_of(place))
     install = [python, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--only-binary", ":all:",
@@ -169,13 +169,13 @@ def _steps(plan: Plan) -> list[Step]:
     ]
 
 
-def _engine(plan: Plan) -> str:
+def _engine(plan: InstallPlan) -> str:
     """Return the wheel as pip takes it, with the extra packages that were ticked."""
     extras = [name for name, wanted in ((SURVEY, plan.survey), (MODELS, plan.models)) if wanted]
     return f"{plan.wheel}[{','.join(extras)}]" if extras else str(plan.wheel)
 
 
-def _weights_step(plan: Plan, python: str) -> list[Step]:
+def _weights_step(plan: InstallPlan, python: str) -> list[Step]:
     """Return the weights of EfficientSAM; the engine works without."""
     if not plan.weights:
         return []
@@ -254,7 +254,7 @@ def short(line: str) -> str:
     return text if len(text) <= 160 else text[:160].rsplit(" ", 1)[0] + " …"
 
 
-def _torch_index(plan: Plan) -> list[str]:
+def _torch_index(plan: InstallPlan) -> list[str]:
     """Return the index that has the wanted build of torch; none for the one this machine is configured for."""
     if plan.default_index or sys.platform == "darwin":
         return []
@@ -288,7 +288,7 @@ def _long_paths_allowed() -> bool:
         return False
 
 
-def _check_room(plan: Plan) -> None:
+def _check_room(plan: InstallPlan) -> None:
     folder = next(p for p in (plan.target, *plan.target.parents) if p.exists())
     small = plan.torch == "cpu" and not (plan.wheel_folder is None and _may_bring_cuda(plan.default_index))
     free, needed = shutil.disk_usage(folder).free, _FREE_CPU if small else _FREE_CUDA

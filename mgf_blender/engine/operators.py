@@ -234,7 +234,7 @@ def _torch_build() -> str:
     return build
 
 
-def _plan() -> install.Plan:
+def _plan() -> install.InstallPlan:
     """Return the plan the preferences ask for.
 
     Raises:
@@ -247,7 +247,7 @@ def _plan() -> install.Plan:
     if folder is not None and not folder.is_dir():
         raise UserError("The wheel folder '{folder}' does not exist; choose another one.", folder=folder)
     wheel = install.carried_wheel()
-    return install.Plan(
+    return install.InstallPlan(
         managed_environment(), Path(sys.executable), wheel, wheel.parent / "constraints.txt", folder, _torch_build(),
         prefs.default_index, prefs.install_weights,
         Path(bpy.path.abspath(prefs.weights_folder)) if prefs.weights_folder else None, prefs.install_survey,

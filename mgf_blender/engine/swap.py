@@ -22,7 +22,7 @@ def unfinished(target: Path) -> Path:
     return target.with_name(target.name + "-new")
 
 
-def put_in_place(target: Path) -> None:
+def replace_engine(target: Path) -> None:
     """Make the finished environment the engine, and remove the one before.
 
     Raises:
@@ -53,7 +53,7 @@ def aside(target: Path) -> None:
 
 
 def recover(target: Path) -> None:
-    """Put the engine from before back, after Blender ended in the middle of :func:`put_in_place`."""
+    """Put the engine from before back, after Blender ended in the middle of :func:`replace_engine`."""
     old = _old(target)
     if old.exists() and not target.exists():
         old.rename(target)

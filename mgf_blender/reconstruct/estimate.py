@@ -32,7 +32,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Photos:
+class PhotoSizes:
     """How many photos there are, and their long and short side in pixels (not known: of 27 megapixels)."""
 
     count: int
@@ -45,17 +45,17 @@ class Photos:
         return count, min(options.resolution, long) ** 2 * short / long / 1e6
 
 
-def photos_of(scene: bpy.types.Scene) -> Photos:
+def photos_of(scene: bpy.types.Scene) -> PhotoSizes:
     """Return the photos a job on this scene gets; before an import, what the marked ones tell (a fifth is marked)."""
     tree = find_source(scene)
     cameras = tree.objects("Cameras") if tree is not None else []
     sizes = [tuple(camera[SIZE_KEY]) for camera in cameras if SIZE_KEY in camera]
     if not sizes:
-        return Photos(max(1, len(cameras) or 5 * len(scene.mgf.photos)))
-    return Photos(len(cameras), (int(median(map(max, sizes))), int(median(map(min, sizes)))))
+        return PhotoSizes(max(1, len(cameras) or 5 * len(scene.mgf.photos)))
+    return PhotoSizes(len(cameras), (int(median(map(max, sizes))), int(median(map(min, sizes)))))
 
 
-def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | None = None) -> Estimate:
+def estimate(options: bpy.types.PropertyGroup, photos: PhotoSizes, factor: float | None = None) -> Estimate:
     """Return what a job with these options takes here.
 
     Args:
@@ -70,7 +70,7 @@ def estimate(options: bpy.types.PropertyGroup, photos: Photos, factor: float | N
     )
 
 
-def quantities(options: bpy.types.PropertyGroup, photos: Photos) -> dict[str, float]:
+def quantities(options: bpy.types.PropertyGroup, photos: PhotoSizes) -> dict[str, float]:
     """Return what the costs depend on, as ``mgf_engine/estimate.py`` counts it; cameras are known once photos are
     here."""
     count, pixels = photos.at_work(options)
@@ -118,7 +118,7 @@ def remember(factor: float) -> None:
         return  # an estimate that does not get better is no reason to bother anyone
 
 
-def duration(seconds: float | None) -> str:
+def format_duration(seconds: float | None) -> str:
     """Return seconds as people say them: ``40 s``, ``12 min``, ``2 h 5 min``; empty for None."""
     if seconds is None:
         return ""

@@ -12,7 +12,7 @@ from ..common.stats import draw_figures
 from ..common.text import CONTEXT, N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
 from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_message
-from .estimate import duration, estimate, photos_of
+from .estimate import estimate, format_duration, photos_of
 from .operators import interrupted, last_job
 from .start import has_job_file
 
@@ -96,7 +96,9 @@ class MGF_PT_reconstruct(SidebarPanel, bpy.types.Panel):
         state = context.scene.mgf
         cost = estimate(state.options, photos_of(context.scene))
         text = tr(
-            "About {time}, {gigabytes:.1f} GB of memory", time=duration(cost.seconds), gigabytes=cost.memory / 1e9
+            "About {time}, {gigabytes:.1f} GB of memory",
+            time=format_duration(cost.seconds),
+            gigabytes=cost.memory / 1e9,
         )
         draw_sentence(layout, text, "TIME")
         column = layout.column()
@@ -198,7 +200,7 @@ def _headline(job: Job) -> str:
     if not job.stage:
         return tr("Starting the engine")
     part = _START.get(str(job.figures.get("start")))
-    stage, left = tr(part or {**options.STAGES, **_TOOLS}.get(job.stage, job.stage)), duration(job.seconds_left)
+    stage, left = tr(part or {**options.STAGES, **_TOOLS}.get(job.stage, job.stage)), format_duration(job.seconds_left)
     if not left:
         return tr("{stage}, {share:.0%}", stage=stage, share=job.overall)
     return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.overall, time=left)
@@ -208,7 +210,7 @@ def _outcome(job: Job) -> str:
     """Return how a job ended."""
     if job.text or job.status != DONE:
         return translate_message(in_panel_terms(job.text)) if job.text else tr("Cancelled")
-    return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=duration(job.seconds))
+    return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=format_duration(job.seconds))
 
 
 class MGF_OT_show_preferences(bpy.types.Operator):

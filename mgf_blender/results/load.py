@@ -29,7 +29,7 @@ from ..scene_import.cameras import (
     load_image,
     shrink_cameras,
 )
-from ..scene_import.frame import Frame, make_frame, turn_as_held
+from ..scene_import.frame import SceneFrame, make_frame, turn_as_held
 from ..scene_import.tree import Tree, hide
 from .job_folder import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
@@ -65,7 +65,7 @@ class Content:
     offset: np.ndarray
     mesh: MeshData | None
     parts: Parts | None
-    frame: Frame | None = None
+    frame: SceneFrame | None = None
 
 
 def read_result(folder: Path, offset: np.ndarray | None = None) -> Content:
@@ -195,7 +195,7 @@ def _foreign(tree: Tree, delivery: Delivery) -> bool:
     return bool(names) and not any(view.camera.name in names for view in delivery.views)
 
 
-def _frame_of_job(delivery: Delivery) -> Frame:
+def _frame_of_job(delivery: Delivery) -> SceneFrame:
     """Return the placement of a job imported without its COLMAP scene."""
     if not delivery.views:
         raise UserError("'{folder}' holds no views; run the job again.", folder=delivery.folder)

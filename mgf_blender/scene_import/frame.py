@@ -18,7 +18,7 @@ _LEVEL_SOFTNESS = 0.02
 
 
 @dataclass(frozen=True)
-class Frame:
+class SceneFrame:
     """Placement of a scene in the world.
 
     Attributes:
@@ -40,7 +40,7 @@ class Frame:
         return result
 
 
-def make_frame(xyz: np.ndarray, rotations: np.ndarray, centres: np.ndarray, upright: bool = True) -> Frame:
+def make_frame(xyz: np.ndarray, rotations: np.ndarray, centres: np.ndarray, upright: bool = True) -> SceneFrame:
     """Return the frame of a scene: upright by its cameras, middle of the points over the origin, ground at z = 0.
 
     Args:
@@ -56,11 +56,11 @@ def make_frame(xyz: np.ndarray, rotations: np.ndarray, centres: np.ndarray, upri
     far = np.linalg.norm(middle) > _FAR * radius
     offset = np.round(middle) if far else np.zeros(3)
     if not upright:
-        return Frame(offset, np.eye(3), np.zeros(3), radius)
+        return SceneFrame(offset, np.eye(3), np.zeros(3), radius)
     rotation = rotation_to_z(up_direction(rotations))
     turned = (cloud - offset) @ rotation.T
     ground = np.array([*np.median(turned[:, :2], axis=0), np.percentile(turned[:, 2], 2)])
-    return Frame(offset, rotation, -ground, radius)
+    return SceneFrame(offset, rotation, -ground, radius)
 
 
 def turn_as_held(rotation: np.ndarray, orientation: int) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..common.errors import UserError
-from .frame import Frame
+from .frame import SceneFrame
 
 KINDS = ("Cameras", "Points", "Mesh", "Renders")
 KIND_KEY, OFFSET_KEY, RADIUS_KEY, ROLE_KEY = "mgf_kind", "mgf_offset", "mgf_radius", "mgf_role"
@@ -32,7 +32,7 @@ class Tree:
         self.collection = collection
 
     @classmethod
-    def make(cls, scene: bpy.types.Scene, name: str, frame: Frame) -> Tree:
+    def make(cls, scene: bpy.types.Scene, name: str, frame: SceneFrame) -> Tree:
         """Add an empty tree to a scene; the empty gets the frame's pose. Trees whose objects are all gone leave."""
         trees = [c for c in scene.collection.children if c.get(ROLE_KEY) == "tree"]
         for old in [c for c in trees if next(objects_below(c), None) is None]:
@@ -50,7 +50,7 @@ class Tree:
             tree.child(kind)
         return tree
 
-    def place(self, name: str, frame: Frame) -> None:
+    def place(self, name: str, frame: SceneFrame) -> None:
         """Give the tree the name and the empty the pose of a scene."""
         root = self.root
         self.collection.name = name

@@ -112,7 +112,7 @@ def _check(args: argparse.Namespace) -> None:
 def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     """Score against the truth, with the picture that was asked for."""
     from mgf_engine.evaluation.error_map import write_error_map
-    from mgf_engine.evaluation.geometry import ComparisonOptions, moved, score_surface
+    from mgf_engine.evaluation.geometry import ComparisonOptions, score_surface, transform_mesh
     from mgf_engine.evaluation.materials import read_materials
     from mgf_engine.evaluation.model_cameras import colmap_cameras
     from mgf_engine.evaluation.surfaces import read_surface
@@ -124,7 +124,7 @@ def _compare(args: argparse.Namespace, mesh: Surface) -> GeometryScores:
     options = ComparisonOptions(args.samples, cameras, align=args.align or "none")
     scores = score_surface(mesh, truth, args.thresholds, options, leave_out, materials)
     if args.picture:
-        write_error_map(args.picture, moved(mesh, scores.alignment), truth, min(args.thresholds))
+        write_error_map(args.picture, transform_mesh(mesh, scores.alignment), truth, min(args.thresholds))
     return scores
 
 

@@ -180,7 +180,7 @@ def compare_surfaces(mesh: Surface, truth: Surface, options: ComparisonOptions =
     hygiene = mesh.hygiene()
     if options.align != "none":
         matrix = align_to(mesh, truth, scale=options.align == "similarity")
-        mesh = moved(mesh, matrix)
+        mesh = transform_mesh(mesh, matrix)
     true_points, true_faces = _inside(*truth.sample(samples, rng), crop)
     points, own = _inside(*mesh.sample(samples, rng), crop)
     inside = len(true_points)
@@ -205,7 +205,7 @@ def mask_iou(found: NDArray[np.bool_], true: NDArray[np.bool_], valid: NDArray[n
     return 100.0 if union == 0 else 100.0 * int((found & true).sum()) / union
 
 
-def moved(mesh: Surface, matrix: Any) -> Surface:
+def transform_mesh(mesh: Surface, matrix: Any) -> Surface:
     """Return the mesh after a similarity [4, 4]."""
     matrix = np.asarray(matrix, dtype=np.float64)
     return Surface(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)

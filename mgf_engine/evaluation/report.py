@@ -187,7 +187,11 @@ def _render(data: ReportData) -> str:
         lstrip_blocks=True,
     )  # fmt: skip
     environment.filters.update(
-        duration=duration, memory=memory, score=_score_text, count=_count_text, value=_value_text
+        duration=format_exact_duration,
+        memory=memory,
+        score=_score_text,
+        count=_count_text,
+        value=_value_text,
     )
     held_out, training = _means(data)
     shown = sorted((v for v in data.views if v.pictures), key=lambda v: not v.held_out)
@@ -215,7 +219,7 @@ def embed(picture: Picture, side: int = _PICTURE_SIDE) -> str:
     Raises:
         ValueError: the picture has an unknown number of channels, or cannot be encoded.
     """
-    image = shrunk(read_rgb(picture) if isinstance(picture, Path) else picture, side)
+    image = limit_side(read_rgb(picture) if isinstance(picture, Path) else picture, side)
     bgr = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2BGR)
     ok, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not ok:
@@ -223,7 +227,7 @@ def embed(picture: Picture, side: int = _PICTURE_SIDE) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode("ascii")
 
 
-def shrunk(image: NDArray[np.uint8], side: int = _PICTURE_SIDE) -> NDArray[np.uint8]:
+def limit_side(image: NDArray[np.uint8], side: int = _PICTURE_SIDE) -> NDArray[np.uint8]:
     """Return a picture as the page shows it, ``side`` pixels at most (never enlarged)."""
     scale = min(1.0, side / max(image.shape[:2]))
     if scale == 1.0:
@@ -232,7 +236,7 @@ def shrunk(image: NDArray[np.uint8], side: int = _PICTURE_SIDE) -> NDArray[np.ui
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def duration(seconds: float | None) -> str:
+def format_exact_duration(seconds: float | None) -> str:
     """Return seconds as people say them: ``0.42 s``, ``12.3 s``, ``4 min 05 s``, ``2 h 03 min``."""
     if seconds is None:
         return "–"

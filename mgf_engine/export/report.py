@@ -22,7 +22,7 @@ from mgf_engine.evaluation.evenness import Evenness, measure_evenness, typical_p
 from mgf_engine.evaluation.images import Scores, mean_scores, score
 from mgf_engine.evaluation.lpips import Lpips, find_lpips
 from mgf_engine.evaluation.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
-from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, shrunk, write_report
+from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, limit_side, write_report
 from mgf_engine.evaluation.story import placing
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.export.views import render_view
@@ -129,7 +129,7 @@ def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, vi
 
     def one(index: int) -> Scores | None:
         picture = draw_textured(mesh, texture, scene.views[index])[0]
-        views[index].pictures["texture"] = shrunk(picture)
+        views[index].pictures["texture"] = limit_side(picture)
         measured = views[index].held_out and masks.used[index]
         return score(scene.photo(index), picture, building(masks.labels[index])) if measured else None
 
@@ -208,7 +208,7 @@ def _view_report(
         pictures["error"] = error_picture(photo, render, mask)
     pictures["mesh"] = shaded(results.mesh, view, from_side=True)
     # Of a thousand photos a hundred are kept out: in full size these would take gigabytes until the page is written.
-    report.pictures = {caption: shrunk(picture) for caption, picture in pictures.items()}
+    report.pictures = {caption: limit_side(picture) for caption, picture in pictures.items()}
     return report
 
 

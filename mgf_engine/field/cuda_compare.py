@@ -11,7 +11,7 @@ from torch import Tensor
 from mgf_engine.field.losses import LossOptions, total_loss
 from mgf_engine.field.optimiser import TRAINED, Optimiser
 from mgf_engine.field.schedule import rates_at
-from mgf_engine.field.synthetic import building, corner_view, noise_target
+from mgf_engine.field.synthetic import corner_view, noise_target, synthetic_building
 from mgf_engine.field.targets import Target
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.raster.cuda import rasterizer_on
@@ -29,7 +29,7 @@ class Training:
     def __init__(self, n: int, width: int, height: int, device: torch.device) -> None:
         self.device, self.camera = device, corner_view(width, height)
         self.target: Target = noise_target(self.camera).to(device)
-        self.optimiser = Optimiser(building(n).to(device))
+        self.optimiser = Optimiser(synthetic_building(n).to(device))
         self.stats = RenderStats.zeros(n, device)
 
     def forward(self, wait: bool) -> tuple[Rendering, Any]:

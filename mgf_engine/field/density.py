@@ -42,14 +42,14 @@ class DensificationOptions:
 
 
 @dataclass(frozen=True)
-class RefineResult:
+class DensifyResult:
     """What one round did."""
 
     added: int
     pruned: int
 
 
-def refine(
+def densify_and_prune(
     optimiser: Optimiser,
     stats: RenderStats,
     keep: Tensor,
@@ -57,7 +57,7 @@ def refine(
     grow: bool,
     options: DensificationOptions = DensificationOptions(),
     prune_unseen: bool = True,
-) -> RefineResult:
+) -> DensifyResult:
     """Prune Gaussians and, if ``grow``, split others; rows may change places.
 
     Args:
@@ -81,11 +81,11 @@ def refine(
     score = score[alive]
     growth = min(budget - len(optimiser.field), int(options.growth * len(optimiser.field)))
     if not grow or growth <= 0:
-        return RefineResult(0, pruned)
+        return DensifyResult(0, pruned)
     chosen = torch.topk(score, min(growth, len(score))).indices
     chosen = chosen[score[chosen] > options.least_error]
     if len(chosen) == 0:
-        return RefineResult(0, pruned)
+        return DensifyResult(0, pruned)
     children = split(optimiser.field.select(chosen), options)
     rest = torch.ones(len(optimiser.field), dtype=torch.bool, device=chosen.device)
     rest[chosen] = False
@@ -93,7 +93,7 @@ def refine(
     optimiser.append(children)
     # Gaussians of one tile in one place in memory: an iteration takes 4 % less than with children at the end.
     optimiser.keep(torch.from_numpy(along_curve(optimiser.field.positions.cpu().numpy())).to(chosen.device))
-    return RefineResult(len(chosen), pruned)
+    return DensifyResult(len(chosen), pruned)
 
 
 def split(parents: Gaussians, options: DensificationOptions = DensificationOptions()) -> Gaussians:

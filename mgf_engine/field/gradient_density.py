@@ -18,7 +18,7 @@ from torch import Tensor
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.config import job_option
-from mgf_engine.field.density import RefineResult
+from mgf_engine.field.density import DensifyResult
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.model.masks import building
@@ -68,7 +68,7 @@ def refine_by_gradient(
     covered: float,
     generator: torch.Generator,
     options: GradientOptions = GradientOptions(by="gradient"),
-) -> RefineResult:
+) -> DensifyResult:
     """Clone and split the Gaussians that are pulled most, prune the faint and the huge; rows may change places.
 
     Args:
@@ -99,7 +99,7 @@ def refine_by_gradient(
     # Gaussians of one tile in one place in memory, as in density.py.
     order = along_curve(optimiser.field.positions.cpu().numpy())
     optimiser.keep(torch.from_numpy(order).to(small.device))
-    return RefineResult(added, int((~alive).sum()) + int((~small).sum()))
+    return DensifyResult(added, int((~alive).sum()) + int((~small).sum()))
 
 
 def _pulled(stats: RenderStats, covered: float, options: GradientOptions) -> tuple[Tensor, Tensor]:

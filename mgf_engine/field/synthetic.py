@@ -12,7 +12,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.raster.camera import Camera
 
 
-def building(n: int, seed: int = 0, size: float = 0.02) -> Gaussians:
+def synthetic_building(n: int, seed: int = 0, size: float = 0.02) -> Gaussians:
     """Make n flat Gaussians on the walls and roof of a box 2 wide, 1.4 deep and 2.6 high, and on the ground around it.
 
     Args:

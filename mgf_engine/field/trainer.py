@@ -19,7 +19,7 @@ import torch
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
-from mgf_engine.field.density import DensificationOptions, budget_at, refine
+from mgf_engine.field.density import DensificationOptions, budget_at, densify_and_prune
 from mgf_engine.field.filter3d import FilterOptions, update_filter
 from mgf_engine.field.gradient_density import (
     GradientOptions,
@@ -217,7 +217,7 @@ class _Trainer:
         budget = budget_at(share, self.figures["start_gaussians"], options)
         first = self.iteration - options.densify_every
         complete = covers_all_views(first, self.iteration, len(self.views), self.config.seed)
-        refine(self.optimiser, self.stats, keep, budget, grow, options, prune_unseen=complete)
+        densify_and_prune(self.optimiser, self.stats, keep, budget, grow, options, prune_unseen=complete)
 
     def _update_filter(self, field: Gaussians) -> None:
         if not self.config.filter_3d:

@@ -31,8 +31,8 @@ from mgf_engine.georef.triangulate import TriangulatedPoint
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.adjust import choose_observations
-from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
-from mgf_engine.scene.colmap_bundle import moved, projection_errors
+from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_result, write_task
+from mgf_engine.scene.colmap_bundle import projection_errors, transform_model
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.subprocesses import run_worker
 
@@ -58,7 +58,7 @@ class PlacedControl:
 
 
 @dataclass(frozen=True)
-class Known:
+class AdjustedControlPoint:
     """A control point in the adjustment.
 
     Attributes:
@@ -112,7 +112,7 @@ def adjust_to_control(
     _check_installed()
     to_world = _similarity(points.fit, scene)
     with np.errstate(all="ignore"):  # points behind cameras
-        in_world = moved(model, to_world)
+        in_world = transform_model(model, to_world)
         errors = projection_errors(in_world, resolution)
     chosen = choose_observations(in_world, np.isfinite(errors) & (errors < options.adjustment.outlier))
     sigma = _sigma(errors[chosen], options.adjustment)
@@ -121,11 +121,11 @@ def adjust_to_control(
         return model
     larger, first = _with_points(in_world, known)
     observations = np.concatenate([chosen, np.arange(first, len(larger.points.image_ids))])
-    task = Task(larger, resolution, observations, np.arange(len(larger.points.ids)), sigma)
+    task = AdjustmentTask(larger, resolution, observations, np.arange(len(larger.points.ids)), sigma)
     found = _in_a_process(task, known, _losses(known, sigma, options.adjustment, robust), reporter)
     if found is None:
         return model
-    result = moved(_without_points(found, in_world), to_world.inverse())
+    result = transform_model(_without_points(found, in_world), to_world.inverse())
     after = projection_errors(result, resolution)[chosen]
     log.info(
         "georeference: bundle adjustment with %d control points and %d observations; median error %.2f, then %.2f px",
@@ -140,7 +140,7 @@ def _sigma(errors: Array, options: ControlAdjustmentOptions) -> float:
 
 
 def _losses(
-    known: Sequence[Known], sigma: float, options: ControlAdjustmentOptions, robust: bool
+    known: Sequence[AdjustedControlPoint], sigma: float, options: ControlAdjustmentOptions, robust: bool
 ) -> tuple[float, float]:
     """Return the scales of Cauchy's loss: of observations in working pixels, of coordinates in standard deviations."""
     off = np.array([np.abs((k.position - k.target) / k.sd).max() for k in known])
@@ -149,7 +149,7 @@ def _losses(
 
 
 def _in_a_process(
-    task: Task, known: Sequence[Known], losses: tuple[float, float], reporter: Reporter
+    task: AdjustmentTask, known: Sequence[AdjustedControlPoint], losses: tuple[float, float], reporter: Reporter
 ) -> SparseModel | None:
     """Adjust the model by :mod:`bundle_worker`; None where that failed, after a warning."""
     with tempfile.TemporaryDirectory(prefix="mgf-") as name:
@@ -177,7 +177,7 @@ def _similarity(fit: ControlFit, scene: Scene) -> pycolmap.Sim3d:
 
 def _known_points(
     model: SparseModel, scene: Scene, points: PlacedControl, sigma: float, mark_accuracy: float
-) -> list[Known]:
+) -> list[AdjustedControlPoint]:
     """Prepare the control points that took part in the fit.
 
     COLMAP's problem weighs marks like its own observations (``sigma`` working pixels); the part by which they are worse
@@ -206,11 +206,11 @@ def _known_points(
         view = scene.views[own.marks[0].view]
         worse = np.sqrt(max(0.0, mark_accuracy**2 - (sigma * view.original_width / view.width) ** 2))
         sd = np.hypot(point.accuracy, scale * mark_error(scene, own, worse))
-        found.append(Known(target, sd, position, tuple(marks)))
+        found.append(AdjustedControlPoint(target, sd, position, tuple(marks)))
     return found
 
 
-def _with_points(model: SparseModel, known: Sequence[Known]) -> tuple[SparseModel, int]:
+def _with_points(model: SparseModel, known: Sequence[AdjustedControlPoint]) -> tuple[SparseModel, int]:
     """Return the model with the control points as its last points, and where their observations begin."""
     points, extra = model.points, {index: [] for index in range(len(model.images))}  # type: ignore[var-annotated]
     image_ids, keypoint, counts = [], [], []

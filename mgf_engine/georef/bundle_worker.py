@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_task, write_result
+from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_task, write_result
 from mgf_engine.scene.adjust_worker import replaced_points
 from mgf_engine.scene.colmap_bundle import Bundle
 from mgf_engine.scene.sparse import SparseModel
@@ -37,7 +37,7 @@ def main(folder: Path) -> int:
     return 0
 
 
-def adjust(task: Task, targets: Array, sd: Array, loss: float, control_loss: float) -> SparseModel:
+def adjust(task: AdjustmentTask, targets: Array, sd: Array, loss: float, control_loss: float) -> SparseModel:
     """Adjust all images, focal lengths and points, the last points held near their known places.
 
     Residuals are working pixels whose standard deviation is ``task.before``; those of coordinates are brought to that.

@@ -45,7 +45,7 @@ def enu(places: Array, origin: Array) -> Array:
     return np.asarray(transform.ellipsoid_to_enu(places, *origin.tolist()))
 
 
-class Projection:
+class ProjectedCrs:
     """A projected CRS in metres, as coordinates easting, northing, height (float64).
 
     Attributes:
@@ -71,7 +71,7 @@ class Projection:
                     "such as --crs EPSG:25832."
                 )
             text = utm_zone(float(near[0]), float(near[1]))
-        self.name = plain_name(text)
+        self.name = normalise_crs(text)
         try:
             self.crs = pyproj.CRS.from_user_input(self.name)
         except pyproj.exceptions.CRSError as error:
@@ -140,7 +140,7 @@ class Projection:
             return str(self.crs.to_wkt("WKT1_GDAL"))
 
 
-def plain_name(text: str) -> str:
+def normalise_crs(text: str) -> str:
     """Return a CRS as pyproj reads it: a bare number is a code of EPSG; ODM's ``WGS84 UTM 32N`` is one, too."""
     text = text.strip()
     if re.fullmatch(r"\d{4,6}", text):

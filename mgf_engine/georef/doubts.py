@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import Control, Mark, Point
-from mgf_engine.georef.crs import Projection, enu
+from mgf_engine.georef.crs import ProjectedCrs, enu
 from mgf_engine.georef.options import MarkOptions
 from mgf_engine.georef.triangulate import TriangulatedPoint, outlier_limits, project_point
 from mgf_engine.model.scene import Scene
@@ -28,7 +28,7 @@ _EXCHANGED = {
 _FEET = 0.3048
 
 
-def check_points(points: Sequence[Point], projection: Projection | None, photos: Array | None) -> None:
+def check_points(points: Sequence[Point], projection: ProjectedCrs | None, photos: Array | None) -> None:
     """Refuse coordinates that are no eastings and northings of the CRS, or are far from the photos.
 
     Args:
@@ -53,7 +53,7 @@ def check_points(points: Sequence[Point], projection: Projection | None, photos:
             raise BadInput(_far_text(at, projection, photos, away))
 
 
-def _outside_text(at: Array, projection: Projection) -> str:
+def _outside_text(at: Array, projection: ProjectedCrs) -> str:
     mistake = _mistake(at, projection.covers)
     if mistake is not None:
         return mistake
@@ -73,13 +73,13 @@ def _mistake(at: Array, fits: Callable[[Array], bool]) -> str | None:
     return None
 
 
-def _far_text(at: Array, projection: Projection, photos: Array, away: float) -> str:
+def _far_text(at: Array, projection: ProjectedCrs, photos: Array, away: float) -> str:
     """Return a sentence on points ``away`` metres from the photos: swapped columns, another zone, or the CRS."""
     mistake = _mistake(at, lambda places: _distance(places, projection, photos) <= _FAR)
     if mistake is not None:
         return mistake
     for what, name in _siblings(projection.name):
-        if _distance(at, Projection(name), photos) <= _FAR:
+        if _distance(at, ProjectedCrs(name), photos) <= _FAR:
             return f"The {what} of {projection.name} seems wrong: in {name} the control points lie by the photos."
     return (
         f"In {projection.name} the control points lie {away / 1000:,.0f} km from where the photos' GPS says; check "
@@ -103,7 +103,7 @@ def _siblings(name: str) -> list[tuple[str, str]]:
     return [(what, f"EPSG:{n}") for what, n in zones]
 
 
-def _distance(at: Array, projection: Projection, photos: Array) -> float:
+def _distance(at: Array, projection: ProjectedCrs, photos: Array) -> float:
     """Compute metres on the ground between the middles of points and photos; inf where the CRS has no such place."""
     middle = projection.places(np.median(at, axis=0)[None])[0]
     if not np.isfinite(middle).all():

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.geometry.mesh_files import IMAGE, write_glb, write_obj, write_ply
-from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.georef.model import Georeference, write_georeference
 from mgf_engine.model.mesh import Mesh, Texture
 
@@ -52,7 +52,7 @@ def write_georeferenced(
         write_glb(local, folder / "mesh.glb", texture, GLTF_AXES, extras(georeference))
     write_georeference(georeference, folder)
     if georeference.crs is not None:
-        (folder / "mesh.prj").write_text(Projection(georeference.crs).wkt(), encoding="ascii", errors="replace")
+        (folder / "mesh.prj").write_text(ProjectedCrs(georeference.crs).wkt(), encoding="ascii", errors="replace")
     return folder
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.bars import BarRow, measure_bars, read_bars
 from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, read_marks
-from mgf_engine.georef.crs import AUTO, Projection, enu
+from mgf_engine.georef.crs import AUTO, ProjectedCrs, enu
 from mgf_engine.georef.doubts import check_marks, check_points, wrong_marks
 from mgf_engine.georef.fit_control import ControlFit, fit_control
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS, GpsFit, fit_gps
@@ -116,12 +116,12 @@ def _marked(
     return control, placed, failed
 
 
-def _projection(options: GeoreferenceOptions, control: Control, known: Array) -> Projection | None:
+def _projection(options: GeoreferenceOptions, control: Control, known: Array) -> ProjectedCrs | None:
     text = options.crs or control.crs
     near = np.median(known, axis=0) if len(known) else None
     if text == AUTO and near is None and control.crs:
         text = control.crs
-    return Projection(text, near) if text else None
+    return ProjectedCrs(text, near) if text else None
 
 
 def _by_control(
@@ -129,7 +129,7 @@ def _by_control(
     control: Control,
     placed: dict[str, TriangulatedPoint],
     failed: dict[str, str],
-    projection: Projection | None,
+    projection: ProjectedCrs | None,
     up: UpDirection,
     options: GeoreferenceOptions,
 ) -> GeoreferenceFit:
@@ -165,7 +165,7 @@ def _without_control(
     scene: Scene,
     places: list[Place | None],
     known: Array,
-    projection: Projection | None,
+    projection: ProjectedCrs | None,
     up: UpDirection,
     options: GeoreferenceOptions,
     warn: Callable[[str], None],
@@ -205,7 +205,7 @@ def _by_gps(
     scene: Scene,
     places: list[Place | None],
     known: Array,
-    projection: Projection | None,
+    projection: ProjectedCrs | None,
     up: UpDirection,
     options: GeoreferenceOptions,
 ) -> tuple[GpsFit | str, Array]:
@@ -230,7 +230,12 @@ def _by_gps(
 
 
 def _gps_fit(
-    scene: Scene, places: list[Place | None], fit: GpsFit, offset: Array, projection: Projection | None, up: UpDirection
+    scene: Scene,
+    places: list[Place | None],
+    fit: GpsFit,
+    offset: Array,
+    projection: ProjectedCrs | None,
+    up: UpDirection,
 ) -> GeoreferenceFit:
     """Return the georeference of a fit to the GPS of photos.
 
@@ -305,7 +310,7 @@ def _to_local(matrix: Array, to_normalised: Similarity) -> Array:
     return np.asarray(found)
 
 
-def _origin(projection: Projection | None, offset: Array) -> tuple[float, float, float] | None:
+def _origin(projection: ProjectedCrs | None, offset: Array) -> tuple[float, float, float] | None:
     return None if projection is None else _three(projection.places(offset[None])[0])
 
 

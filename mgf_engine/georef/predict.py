@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CONTROL, Control, Point, read_marks, read_points
-from mgf_engine.georef.crs import Projection, enu
+from mgf_engine.georef.crs import ProjectedCrs, enu
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
@@ -122,9 +122,9 @@ def _by_georeference(at: Array, georeference: Georeference, crs: str) -> Array |
         return georeference.from_world(at)
     if not crs or crs == "auto":
         return None
-    places = Projection(crs).places(at)
+    places = ProjectedCrs(crs).places(at)
     if georeference.crs is not None:
-        return georeference.from_world(Projection(georeference.crs).project(places))
+        return georeference.from_world(ProjectedCrs(georeference.crs).project(places))
     if georeference.origin is None:
         return None
     return georeference.scene(enu(places, np.array(georeference.origin)))

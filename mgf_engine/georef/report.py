@@ -156,15 +156,15 @@ def _picture(fit: GeoreferenceFit, scene: Scene) -> str:
     figure, (plan, side) = pyplot.subplots(1, 2, figsize=(11, 5), width_ratios=(3, 2), layout="constrained")
     centres = now.local(scene.to_normalised.invert(np.array([view.centre for view in scene.views])))
     plan.scatter(centres[:, 0], centres[:, 1], 8, "0.7", label="cameras")
-    names, heights, colours = [], [], []
+    names, heights, colors = [], [], []
     if fit.control is not None:
-        for role, colour in ((CONTROL, "#2563eb"), (CHECK, "#c2410c")):
+        for role, color in ((CONTROL, "#2563eb"), (CHECK, "#c2410c")):
             rows = [r for r in fit.control.rows if r.point.role == role and np.isfinite(r.distance)]
             if rows:
-                _arrows(plan, _places(rows, now.offset), np.array([r.residual for r in rows]), colour, role, 1000, "mm")
+                _arrows(plan, _places(rows, now.offset), np.array([r.residual for r in rows]), color, role, 1000, "mm")
                 names += [r.point.name for r in rows]
                 heights += [1000 * r.residual[2] for r in rows]
-                colours += [colour] * len(rows)
+                colors += [color] * len(rows)
                 for row, at in zip(rows, _places(rows, now.offset), strict=True):
                     plan.annotate(row.point.name, at[:2], textcoords="offset points", xytext=(5, 4), fontsize=8)
         side.set_xlabel("height, scene less file (mm)")
@@ -174,13 +174,13 @@ def _picture(fit: GeoreferenceFit, scene: Scene) -> str:
         _arrows(plan, own, fit.gps.residuals[used], "#2563eb", "camera less GPS", 1, "m")
         names = [Path(scene.views[i].name).name for i, ok in zip(fit.gps_views, used, strict=True) if ok][:40]
         heights = fit.gps.residuals[used][:40, 2].tolist()
-        colours = ["#2563eb"] * len(names)
+        colors = ["#2563eb"] * len(names)
         side.set_xlabel("height, camera less GPS (m)")
     plan.set_aspect("equal", "datalim")
     plan.set_xlabel("east (m)")
     plan.set_ylabel("north (m)")
     plan.legend(fontsize=8)
-    side.barh(names, heights, color=colours)
+    side.barh(names, heights, color=colors)
     side.axvline(0, color="0.5", linewidth=0.8)
     side.invert_yaxis()
     side.tick_params(labelsize=7 if len(names) > 15 else 9)
@@ -195,13 +195,13 @@ def _places(rows: list[ControlRow], offset: tuple[float, float, float]) -> NDArr
 
 
 def _arrows(
-    axes: Any, at: NDArray[np.float64], residuals: NDArray[np.float64], colour: str, label: str, factor: int, unit: str
+    axes: Any, at: NDArray[np.float64], residuals: NDArray[np.float64], color: str, label: str, factor: int, unit: str
 ) -> None:
     """Draw points with their residuals, the longest an eighth of the plan's extent; the label says how long that is."""
     longest = float(np.linalg.norm(residuals[:, :2], axis=1).max()) or 1e-9
     extent = float(np.ptp(at[:, :2], axis=0).max()) or 1.0
     grown = residuals[:, :2] * (extent / 8 / longest)
-    axes.scatter(at[:, 0], at[:, 1], 22, colour, label=f"{label}, longest arrow {factor * longest:.3g} {unit}")
+    axes.scatter(at[:, 0], at[:, 1], 22, color, label=f"{label}, longest arrow {factor * longest:.3g} {unit}")
     axes.quiver(
-        at[:, 0], at[:, 1], grown[:, 0], grown[:, 1], angles="xy", scale_units="xy", scale=1, color=colour, width=0.004
+        at[:, 0], at[:, 1], grown[:, 0], grown[:, 1], angles="xy", scale_units="xy", scale=1, color=color, width=0.004
     )

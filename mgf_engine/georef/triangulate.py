@@ -90,7 +90,7 @@ def triangulate(scene: Scene, marks: tuple[Mark, ...], options: MarkOptions = Ma
     for _ in range(3):
         if good.sum() < 2:
             return "its marks contradict each other"
-        best = refine(best, views, marks, good)
+        best = refine_point(best, views, marks, good)
         good = np.linalg.norm(residuals_of(views, marks, best), axis=1) < limit
     return TriangulatedPoint(marks[0].point, best, marks, residuals_of(views, marks, best), good)
 
@@ -123,7 +123,7 @@ def residuals_of(views: Sequence[View], marks: Sequence[Mark], position: Array) 
     return np.nan_to_num(np.array(rows), nan=1e9)
 
 
-def refine(position: Array, views: Sequence[View], marks: Sequence[Mark], good: NDArray[np.bool_]) -> Array:
+def refine_point(position: Array, views: Sequence[View], marks: Sequence[Mark], good: NDArray[np.bool_]) -> Array:
     """Minimise the squared residuals of the good marks by up to four Gauss-Newton steps; returns the point [3].
 
     Args:

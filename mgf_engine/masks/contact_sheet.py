@@ -59,8 +59,8 @@ def _tile(photo: NDArray[np.uint8], labels: NDArray[np.uint8], title: str, note:
     for line, text in enumerate((title, note)):
         # The built-in font has no letters beyond ASCII; the names in scores.json are whole.
         text = text.encode("ascii", "replace").decode()
-        colour = GOOD if used else BAD
-        cv2.putText(caption, text, (4, 13 + 15 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
+        color = GOOD if used else BAD
+        cv2.putText(caption, text, (4, 13 + 15 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.42, color, 1, cv2.LINE_AA)
     return np.vstack([picture, caption])
 
 
@@ -69,8 +69,8 @@ def overlay(photo: NDArray[np.uint8], labels: NDArray[np.uint8]) -> NDArray[np.u
     result = np.ascontiguousarray(photo[..., ::-1])
     inside = building(labels)
     values = np.arange(256, dtype=np.float32)[:, None]
-    for where, colour in ((~inside & (labels != IGNORE), OUTSIDE), (labels == IGNORE, OCCLUDER)):
-        dimmed = (0.35 * values + 0.5 * np.array(colour, np.float32)).clip(0, 255).astype(np.uint8)
+    for where, color in ((~inside & (labels != IGNORE), OUTSIDE), (labels == IGNORE, OCCLUDER)):
+        dimmed = (0.35 * values + 0.5 * np.array(color, np.float32)).clip(0, 255).astype(np.uint8)
         cv2.copyTo(cv2.LUT(result, dimmed[None]), where.astype(np.uint8), result)
     outlines, _ = cv2.findContours(inside.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(result, outlines, -1, OUTLINE, max(1, round(max(photo.shape[:2]) / 400)))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from mgf_engine.masks.image_ops import grow
+from mgf_engine.masks.image_ops import dilate
 from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.prompts import Points
 from mgf_engine.masks.propagation.appearance import lab_of
@@ -55,7 +55,7 @@ def add_elements(
     inside = building(labels)
     if not inside.any():
         return labels, {}
-    segments = segment_by_colour(photo, inside, options)
+    segments = segment_by_color(photo, inside, options)
     named = [(name, _clicked(points, segments, inside, photo, sam, options)) for name, points in sorted(clicks.items())]
     if sam is not None:
         found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam, options)]
@@ -77,7 +77,7 @@ def add_elements(
     return _renumber(result, names)
 
 
-def segment_by_colour(
+def segment_by_color(
     photo: NDArray[np.uint8], inside: NDArray[np.bool_], options: PartOptions = PartOptions()
 ) -> NDArray[np.int32]:
     """Segment the building by colour (Felzenszwalb and Huttenlocher 2004): labels from 0, -1 outside, int32 [H, W]."""
@@ -85,7 +85,7 @@ def segment_by_colour(
     around = _around(inside, options)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
     lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, *_BILATERAL), cv2.COLOR_RGB2LAB))
-    lab[~grow(building_here, options.margin)] = 0  # one segment, quickly found
+    lab[~dilate(building_here, options.margin)] = 0  # one segment, quickly found
     smallest = max(_FEWEST_PIXELS, round(options.smallest * int(inside.sum())))
     graph = cv2.ximgproc.segmentation.createGraphSegmentation(options.sigma, options.scale, smallest)
     segments = graph.processImage(lab).astype(np.int32)

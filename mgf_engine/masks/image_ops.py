@@ -24,19 +24,19 @@ class MaskedMean:
     """Masked Gaussian mean of colours at each pixel of a reduced photo.
 
     Attributes:
-        colour: float32 [h, w, 3]; unreliable where ``weight`` is nearly 0.
+        color: float32 [h, w, 3]; unreliable where ``weight`` is nearly 0.
         weight: blurred mask, 0..1, float32 [h, w].
     """
 
-    colour: NDArray[np.float32]
+    color: NDArray[np.float32]
     weight: NDArray[np.float32]
 
 
-def masked_mean(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: float) -> MaskedMean:
+def masked_mean(colors: NDArray[np.float32], where: NDArray[np.bool_], sigma: float) -> MaskedMean:
     """Compute the Gaussian mean of the colours of some pixels around every pixel.
 
     Args:
-        colours: float32 [H, W, 3].
+        colors: float32 [H, W, 3].
         where: [H, W], the pixels that count.
         sigma: standard deviation in pixels.
     """
@@ -44,9 +44,9 @@ def masked_mean(colours: NDArray[np.float32], where: NDArray[np.bool_], sigma: f
     height, width = where.shape
     size = (-(-width // factor), -(-height // factor))
     marked = where.astype(np.uint8)
-    colour = _blurred(cv2.copyTo(colours, marked), size, sigma)
+    color = _blurred(cv2.copyTo(colors, marked), size, sigma)
     weight = _blurred(marked.astype(np.float32), size, sigma)
-    mean = colour / np.maximum(weight, np.float32(1e-6))[..., None]
+    mean = color / np.maximum(weight, np.float32(1e-6))[..., None]
     return MaskedMean(np.asarray(mean, np.float32), weight)
 
 
@@ -65,7 +65,7 @@ def enlarge(values: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.f
     return np.asarray(cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.float32]:
+def color_distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray[np.float32]:
     """Compute the Euclidean distance of the colours of two pictures, pixel by pixel; float32 [H, W, 3] each ->
     [H, W]."""
     away = cv2.subtract(first, second)
@@ -73,14 +73,14 @@ def distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> NDArray
     return np.asarray(cv2.sqrt(squares), np.float32)
 
 
-def grow(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+def dilate(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     """Dilate a mask [H, W] with a disc."""
     if not mask.any():
         return np.zeros_like(mask)
     return np.asarray(_distance(~mask) <= radius + DISC_MARGIN, bool)
 
 
-def shrink(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+def erode(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     """Erode a mask [H, W] with a disc; the frame of the photo does not erode it."""
     if mask.all():
         return np.ones_like(mask)
@@ -97,7 +97,7 @@ def disc(radius: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), np.uint8)
 
 
-def enclosed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def fill_holes(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Fill the holes of a mask, such as a white wall between its edges."""
     _, labels = cv2.connectedComponents((~mask).astype(np.uint8), connectivity=4)
     outer = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config, make_config, renamed_values
 from mgf_engine.errors import BadInput
-from mgf_engine.images import read_rgb, shrink, turn
+from mgf_engine.images import apply_orientation, read_rgb, resize
 from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
@@ -125,7 +125,7 @@ def one_view(source: Path, name: str, config: Config) -> tuple[Scene, NDArray[np
     scene = build_scene(model, planned, source, replace(config, holdout_every=0))
     photo = read_rgb(planned[0].path)
     if planned[0].orientation != 1:
-        photo = turn(photo, planned[0].orientation)
+        photo = apply_orientation(photo, planned[0].orientation)
     return scene, planned[0].camera.make_photo(photo), _up_by_all(scene, whole, config)
 
 
@@ -176,7 +176,7 @@ def _without_model(root: Path, name: str, config: Config) -> tuple[Scene, NDArra
         (view,), np.zeros((0, 3)), np.zeros((0, 3), np.uint8), np.zeros(0, np.float32), np.zeros(1, np.int64),
         np.zeros(0, np.int32), np.zeros((0, 2), np.float32), Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), root,
     )  # fmt: skip
-    return scene, shrink(photo, w, h)
+    return scene, resize(photo, w, h)
 
 
 def _segment(

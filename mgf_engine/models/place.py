@@ -10,7 +10,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import Survey
-from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.georef.model import Georeference
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ def place_on_earth(georeference: Georeference, world: Callable[[Array], Array], 
     """
     if georeference.crs is not None:
         ends = np.concatenate([np.zeros((1, 3)), ARM * np.eye(3), -ARM * np.eye(3)])
-        places = Projection(georeference.crs).places(world(ends))
+        places = ProjectedCrs(georeference.crs).places(world(ends))
         if not np.isfinite(places).all():
             return None
         at = _geocentric(places)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mgf_engine import __version__
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.evaluation.surfaces import Surface
-from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.atlas import colors_at
 
@@ -62,7 +62,7 @@ def write_laz(path: Path, survey: Survey, points: Array, colors: NDArray[np.uint
     header.generating_software = f"mgf {__version__}"[:32]
     header.add_extra_dims([laspy.ExtraBytesParams(f"normal_{axis}", "float32") for axis in "xyz"])
     if survey.georeference.crs is not None:
-        header.add_crs(Projection(survey.georeference.crs).crs)
+        header.add_crs(ProjectedCrs(survey.georeference.crs).crs)
     data = laspy.LasData(header)
     data.x, data.y, data.z = world.T
     data.red, data.green, data.blue = (colors.astype(np.uint16) * 257).T

@@ -2,7 +2,7 @@
 """Recycles the large scratch arrays of the CPU kernels.
 
 Fresh memory costs more than using it: the system hands out zeroed pages one fault at a time. Arrays live in a
-:class:`Frame`; when the frame is dropped they go back to the pool, and the next frame takes them again.
+:class:`RenderBuffers`; when it is dropped they go back to the pool, and the next rendering takes them again.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from torch import Tensor
 _POOL_LIMIT = 24  # arrays kept for later
 _free: list[Tensor] = []
 _lock = threading.Lock()  # of _free
-#: Blocks on their way back. Python may drop a frame at any moment, inside `_take`, too, where this thread holds
+#: Blocks on their way back. Python may drop buffers at any moment, inside `_take`, too, where this thread holds
 #: the lock already; the queue's put is made for that.
 _returned: SimpleQueue[Tensor] = SimpleQueue()
 
 
-class Frame:
+class RenderBuffers:
     """Arrays that belong to one rendering, from its forward to the end of its backward pass."""
 
     def __init__(self) -> None:
         self._taken: list[Tensor] = []
 
     def array(self, dtype: torch.dtype, *shape: int) -> Tensor:
-        """Return an uninitialised array; do not use it after the frame is gone."""
+        """Return an uninitialised array; do not use it after the buffers are gone."""
         size = math.prod(shape) * dtype.itemsize
         block = _take(max(size, 64))
         self._taken.append(block)

@@ -38,7 +38,7 @@ VARIANTS = {
 
 
 @dataclass(frozen=True)
-class Target:
+class BuildTarget:
     """An operating system and processor family that libraries are built for.
 
     Attributes:
@@ -57,11 +57,11 @@ class Target:
 
 
 TARGETS = {
-    "linux-x86_64": Target("x86_64-linux-gnu.2.17", ".so", "manylinux_2_17_x86_64"),
-    "linux-aarch64": Target("aarch64-linux-gnu.2.17", ".so", "manylinux_2_17_aarch64"),
-    "windows-x86_64": Target("x86_64-windows-gnu", ".dll", "win_amd64"),
-    "macos-x86_64": Target("x86_64-macos.12.0", ".dylib", "macosx_12_0_x86_64"),
-    "macos-aarch64": Target("aarch64-macos.12.0", ".dylib", "macosx_12_0_arm64"),
+    "linux-x86_64": BuildTarget("x86_64-linux-gnu.2.17", ".so", "manylinux_2_17_x86_64"),
+    "linux-aarch64": BuildTarget("aarch64-linux-gnu.2.17", ".so", "manylinux_2_17_aarch64"),
+    "windows-x86_64": BuildTarget("x86_64-windows-gnu", ".dll", "win_amd64"),
+    "macos-x86_64": BuildTarget("x86_64-macos.12.0", ".dylib", "macosx_12_0_x86_64"),
+    "macos-aarch64": BuildTarget("aarch64-macos.12.0", ".dylib", "macosx_12_0_arm64"),
 }
 
 

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from mgf_engine.errors import BadInput
 from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.native.buffers import Frame
+from mgf_engine.native.buffers import RenderBuffers
 from mgf_engine.native.library import call, parallel
 from mgf_engine.raster.camera import TILE, Camera
 
@@ -35,7 +35,7 @@ class TileLists:
         ranges: int32 [tiles_x * tiles_y + 1].
         tiles_x, tiles_y: tiles of 16 x 16 pixels; tile t is at column t % tiles_x, row t // tiles_x.
         camera: the packed camera, float32 [32].
-        frame: owner of the arrays; they are recycled when it is dropped.
+        buffers: owner of the arrays; they are recycled when it is dropped.
     """
 
     records: Tensor
@@ -47,7 +47,7 @@ class TileLists:
     tiles_x: int
     tiles_y: int
     camera: Tensor
-    frame: Frame
+    buffers: RenderBuffers
 
     @property
     def entries(self) -> int:
@@ -93,7 +93,7 @@ def build_lists(gaussians: Gaussians, camera: Camera, sh_degree: int = 0, tile_m
 
 @dataclass
 class Projection:
-    """Projected Gaussians before they are listed; ``records``, camera and frame as in :class:`TileLists`.
+    """Projected Gaussians before they are listed; ``records``, camera and buffers as in :class:`TileLists`.
 
     Attributes:
         footprints: int32 [N, 8], tiles that each Gaussian touches, struct Footprint of ``csrc/raster/footprint.h``.
@@ -108,7 +108,7 @@ class Projection:
     depth_keys: Tensor
     mask: Tensor
     camera: Tensor
-    frame: Frame
+    buffers: RenderBuffers
 
 
 def list_tiles(
@@ -135,17 +135,17 @@ def project(raw: Parameters, camera: Camera, sh_degree: int, tile_mask: Tensor |
         sh_degree: of the colours.
         tile_mask: bool [tiles_y, tiles_x], tiles that are wanted; None for all.
     """
-    n, frame, packed = len(raw.positions), Frame(), camera.packed()
+    n, buffers, packed = len(raw.positions), RenderBuffers(), camera.packed()
     tiles_y, tiles_x = camera.tiles
     mask = torch.ones(tiles_y, tiles_x, dtype=torch.uint8) if tile_mask is None else (tile_mask != 0).to(torch.uint8)
     mask = mask.contiguous()
     mask_sums = torch.zeros(tiles_y, tiles_x + 1, dtype=torch.int32)
     mask_sums[:, 1:] = mask.cumsum(1)
-    records, footprints = frame.array(torch.float32, n, RECORD), frame.array(torch.int32, n, 8)
-    tile_counts, keys = frame.array(torch.int32, n), frame.array(torch.int32, n)
+    records, footprints = buffers.array(torch.float32, n, RECORD), buffers.array(torch.int32, n, 8)
+    tile_counts, keys = buffers.array(torch.int32, n), buffers.array(torch.int32, n)
     outputs = (records, footprints, tile_counts, keys)
     parallel("mgf_project", n, packed, *raw.all, sh_degree, tiles_x, tiles_y, mask_sums, *outputs)
-    return Projection(*outputs, mask, packed, frame)
+    return Projection(*outputs, mask, packed, buffers)
 
 
 def bin_tiles(seen: Projection) -> TileLists:
@@ -153,24 +153,24 @@ def bin_tiles(seen: Projection) -> TileLists:
 
     Footprints and mask may have changed since ``seen.tile_counts`` were made; ``slots`` have no meaning then.
     """
-    frame, n = seen.frame, len(seen.records)
+    buffers, n = seen.buffers, len(seen.records)
     tiles_y, tiles_x = seen.mask.shape
-    order, slot_starts = frame.array(torch.int32, n), frame.array(torch.int64, n + 1)
-    scratch = frame.array(torch.int32, 3 * n)
+    order, slot_starts = buffers.array(torch.int32, n), buffers.array(torch.int64, n + 1)
+    scratch = buffers.array(torch.int32, 3 * n)
     count = call("mgf_sort", n, seen.depth_keys, seen.tile_counts, order, slot_starts, scratch)
     places, ranges = (
-        frame.array(torch.int32, _CHUNKS, tiles_x * tiles_y),
-        frame.array(torch.int32, tiles_x * tiles_y + 1),
+        buffers.array(torch.int32, _CHUNKS, tiles_x * tiles_y),
+        buffers.array(torch.int32, tiles_x * tiles_y + 1),
     )
     binning = (_CHUNKS, count, order, seen.footprints, seen.mask, tiles_x, tiles_y, places)
     parallel("mgf_bin_count", *binning)
     entries = int(places.sum())  # not slot_starts[n]: footprints may have grown since their tiles were counted
     check_entries(entries)
     call("mgf_bin_ranges", _CHUNKS, tiles_x * tiles_y, places, ranges)
-    gid, slots = frame.array(torch.int32, entries), frame.array(torch.int32, entries)
+    gid, slots = buffers.array(torch.int32, entries), buffers.array(torch.int32, entries)
     parallel("mgf_bin_fill", *binning, slot_starts, gid, slots)
     found = (seen.records, seen.tile_counts, gid, slots, slot_starts, ranges)
-    return TileLists(*found, tiles_x, tiles_y, seen.camera, frame)
+    return TileLists(*found, tiles_x, tiles_y, seen.camera, buffers)
 
 
 def check_entries(entries: int) -> None:
@@ -195,7 +195,7 @@ def blend(lists: TileLists, geometry: bool) -> tuple[Tensor, Tensor]:
     """
     planes = PLANES if geometry else PLANES_BASIC
     image = torch.empty(planes, lists.tiles_y * TILE, lists.tiles_x * TILE)
-    hits = lists.frame.array(torch.int16, lists.entries)
+    hits = lists.buffers.array(torch.int16, lists.entries)
     tiles = lists.tiles_x * lists.tiles_y
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
     parallel("mgf_blend", tiles, lists.camera, *listed, int(geometry), image, hits)
@@ -259,7 +259,7 @@ def blend_backward(
         error_map: float32 [H, W], colour error of the pixels for the statistics.
         stats: whether statistics are summed up.
     """
-    sums = lists.frame.array(torch.float32, lists.entries, SUMS)
+    sums = lists.buffers.array(torch.float32, lists.entries, SUMS)
     listed = (lists.records, lists.gid, lists.slots, lists.ranges, lists.tiles_x)
     g = gradients
     given = (g.color, g.alpha, g.depth, g.median, g.normal, g.distortion, error_map)

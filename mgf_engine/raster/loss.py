@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.native.buffers import Frame, lasting_array
+from mgf_engine.native.buffers import RenderBuffers, lasting_array
 from mgf_engine.native.library import parallel
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.camera import Intrinsics
@@ -126,8 +126,8 @@ class _Pass:
         self.distortion = others.pop(0) if weights.distortion > 0 else None
         self.depth: Tensor | None = others[0] if weights.normals > 0 else None
         self.normal: Tensor | None = others[1] if weights.normals > 0 else None
-        self.frame = Frame()
-        self.scratch = self.frame.array(torch.float32, photo.scratch)
+        self.buffers = RenderBuffers()
+        self.scratch = self.buffers.array(torch.float32, photo.scratch)
         self.gradient = lasting_array(torch.float32, count_planes(weights), *self.alpha.shape)
         self.scales = len(photo.levels) if weights.multilevel > 0 else 1
         tiles = photo.levels[: self.scales, 2] * photo.levels[: self.scales, 3]

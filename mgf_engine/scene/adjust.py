@@ -22,8 +22,15 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter, log
-from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, write_task
-from mgf_engine.scene.colmap_bundle import centres, colmap_camera, moved, owners, projection_errors, sort_by_image
+from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_result, write_task
+from mgf_engine.scene.colmap_bundle import (
+    centres,
+    colmap_camera,
+    owners,
+    projection_errors,
+    sort_by_image,
+    transform_model,
+)
 from mgf_engine.scene.sparse import SparseModel, check_model
 from mgf_engine.subprocesses import run_worker
 
@@ -48,10 +55,10 @@ class AdjustOptions:
     )
     points_per_photo: int = parameter(60, "Number of points in the bundle adjustment that each photo should see", low=1)
     rounds: int = parameter(
-        Task.rounds, "Number of bundle adjustments, each with a smaller loss scale, while that falls", low=1
+        AdjustmentTask.rounds, "Number of bundle adjustments, each with a smaller loss scale, while that falls", low=1
     )
     least_scale: float = parameter(
-        Task.least_scale, "Minimum scale of Cauchy's loss in bundle adjustment", "px", low=1e-3
+        AdjustmentTask.least_scale, "Minimum scale of Cauchy's loss in bundle adjustment", "px", low=1e-3
     )
     outlier: float = parameter(
         4.0, "Minimum reprojection error of an outlier; outlier_factor times the first decile is added", "px"
@@ -101,11 +108,13 @@ def _adjusted(
         return before, before, model
     frame = _frame(model)
     used = np.unique(owners(model)[chosen])
-    task = Task(moved(model, frame), resolution, chosen, used, before, options.rounds, options.least_scale)
+    task = AdjustmentTask(
+        transform_model(model, frame), resolution, chosen, used, before, options.rounds, options.least_scale
+    )
     found = _in_a_process(task, reporter)
     if found is None or not _valid(found):
         return before, before, model
-    result = moved(found, frame.inverse())
+    result = transform_model(found, frame.inverse())
     after = float(np.median(projection_errors(result, resolution)[sound]))
     return (before, after, result) if after < options.better * before and _valid(result) else (before, before, model)
 
@@ -153,7 +162,7 @@ def choose_observations(
     return np.flatnonzero(sound & (taken & (seen >= 2))[owner])
 
 
-def _in_a_process(task: Task, reporter: Reporter) -> SparseModel | None:
+def _in_a_process(task: AdjustmentTask, reporter: Reporter) -> SparseModel | None:
     """Return the adjusted model from :mod:`adjust_worker`; None where COLMAP failed on it."""
     with tempfile.TemporaryDirectory(prefix="mgf-") as name:
         folder = Path(name)

@@ -19,7 +19,7 @@ _POINTS = ("ids", "xyz", "rgb", "errors", "start", "image_ids", "keypoint")
 
 
 @dataclass(frozen=True)
-class Task:
+class AdjustmentTask:
     """What is to be adjusted.
 
     Attributes:
@@ -41,7 +41,7 @@ class Task:
     least_scale: float = 0.5
 
 
-def write_task(task: Task, path: Path) -> None:
+def write_task(task: AdjustmentTask, path: Path) -> None:
     """Write everything but the model's folder and rigs, which adjusting does not ask for."""
     model = task.model
     images = [[image.id, image.name, image.camera_id, len(image.keypoints)] for image in model.images]
@@ -55,7 +55,7 @@ def write_task(task: Task, path: Path) -> None:
     )  # fmt: skip
 
 
-def read_task(path: Path) -> Task:
+def read_task(path: Path) -> AdjustmentTask:
     """Read what :func:`write_task` wrote."""
     with np.load(path, allow_pickle=False) as file:
         data = dict(file)
@@ -72,7 +72,7 @@ def read_task(path: Path) -> Task:
     points = SparsePoints(**{name: data[name] for name in _POINTS})
     resolution, before, rounds, least_scale = data["numbers"].tolist()
     model = SparseModel(path.parent, cameras, images, points, None)
-    return Task(model, int(resolution), data["chosen"], data["used"], before, int(rounds), least_scale)
+    return AdjustmentTask(model, int(resolution), data["chosen"], data["used"], before, int(rounds), least_scale)
 
 
 def write_result(model: SparseModel, path: Path) -> None:

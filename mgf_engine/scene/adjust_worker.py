@@ -18,8 +18,15 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_task, write_result
-from mgf_engine.scene.colmap_bundle import Bundle, centres, colmap_camera, moved, projection_errors, working_scale
+from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_task, write_result
+from mgf_engine.scene.colmap_bundle import (
+    Bundle,
+    centres,
+    colmap_camera,
+    projection_errors,
+    transform_model,
+    working_scale,
+)
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.subprocesses import end_with_the_job
 
@@ -41,7 +48,7 @@ def main(folder: Path) -> int:
     return 0
 
 
-def adjust(task: Task) -> SparseModel:
+def adjust(task: AdjustmentTask) -> SparseModel:
     """Improve poses, focal lengths and points of the chosen observations by COLMAP with Cauchy's loss."""
     model, last = task.model, np.inf
     for _ in range(task.rounds):
@@ -68,7 +75,7 @@ def replaced_points(model: SparseModel, resolution: int, least_scale: float) -> 
     return replace(model, points=replace(model.points, xyz=xyz))
 
 
-def align_similarity(model: SparseModel, task: Task) -> SparseModel | None:
+def align_similarity(model: SparseModel, task: AdjustmentTask) -> SparseModel | None:
     """Return the model moved, turned and scaled so that most cameras and chosen points lie where they lay.
 
     RANSAC counts those as inliers that move by fewer pixels, seen from the cameras, than the model and its photos
@@ -80,10 +87,10 @@ def align_similarity(model: SparseModel, task: Task) -> SparseModel | None:
     options = pycolmap.RANSACOptions()
     options.random_seed, options.max_error = 0, task.before / float(np.median(focal)) * distance
     found: dict[str, Any] | None = pycolmap.estimate_sim3d_robust(source, target, options)  # type: ignore[assignment]
-    return None if found is None else moved(model, found["tgt_from_src"])
+    return None if found is None else transform_model(model, found["tgt_from_src"])
 
 
-def _solved(model: SparseModel, task: Task, scale: float) -> SparseModel:
+def _solved(model: SparseModel, task: AdjustmentTask, scale: float) -> SparseModel:
     bundle = Bundle(model, task.resolution, task.chosen)
     config = pycolmap.BundleAdjustmentConfig()
     for number in range(1, len(model.images) + 1):
@@ -92,7 +99,7 @@ def _solved(model: SparseModel, task: Task, scale: float) -> SparseModel:
     return bundle.adjusted()
 
 
-def _scale(model: SparseModel, task: Task) -> float:
+def _scale(model: SparseModel, task: AdjustmentTask) -> float:
     distances = projection_errors(model, task.resolution)[task.chosen]
     return max(task.least_scale, 2.0 * float(np.median(distances)))
 

@@ -16,7 +16,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import shrink
+from mgf_engine.images import resize
 from mgf_engine.model.scene import Lens, View
 from mgf_engine.scene.sparse import SparseCamera
 
@@ -51,12 +51,12 @@ class WorkingCamera:
     def make_photo(self, photo: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Make the working photo [height, width, 3] of an original one of the size this camera was planned for."""
         if self.maps is None:
-            return shrink(photo, self.width, self.height)
-        source = shrink(photo, *self.source_size)
+            return resize(photo, self.width, self.height)
+        source = resize(photo, *self.source_size)
         exact = self.maps[0].shape == (self.height, self.width)
         kind = cv2.INTER_CUBIC if exact else cv2.INTER_LINEAR
         straight = cv2.remap(source, *self.maps, interpolation=kind, borderMode=cv2.BORDER_REPLICATE)
-        return shrink(straight, self.width, self.height)  # type: ignore[arg-type]
+        return resize(straight, self.width, self.height)  # type: ignore[arg-type]
 
     def keypoints(self, observed: NDArray[np.float64], camera: SparseCamera) -> NDArray[np.float64]:
         """Convert keypoints [N, 2] in pixels of the COLMAP camera to working pixels; NaN where the lens has no such

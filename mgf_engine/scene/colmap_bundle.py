@@ -180,7 +180,7 @@ def centres(model: SparseModel) -> Array:
     return np.array([pose(model, i).inverse().translation for i in range(len(model.images))])
 
 
-def moved(model: SparseModel, by: pycolmap.Sim3d) -> SparseModel:
+def transform_model(model: SparseModel, by: pycolmap.Sim3d) -> SparseModel:
     """Return the model in other coordinates."""
     images = []
     for index, image in enumerate(model.images):

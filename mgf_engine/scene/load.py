@@ -25,7 +25,7 @@ from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise, normalise_pose, rotation_of
 from mgf_engine.scene.photos import Photo, make_photos, plan_photos
 from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots, sample_views
-from mgf_engine.scene.sfm import SfmOptions, reconstruct
+from mgf_engine.scene.sfm import SfmOptions, run_sfm
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
 from mgf_engine.scene.unreadable import check_readable, find_unreadable, warn_of_unreadable
@@ -150,7 +150,7 @@ def _reconstruct(source: Path, exclude: Path, folder: Path, config: Config, repo
     unreadable = {name: error for name, error in headers.items() if isinstance(error, UnreadablePhoto)}
     check_readable(unreadable, len(names), config.algorithm(ValidationOptions).most_unreadable)
     options = config.algorithm(SfmOptions)
-    model = read_model(reconstruct(root, infos, folder, options, reporter, lambda f: f * _SFM_SHARE))
+    model = read_model(run_sfm(root, infos, folder, options, reporter, lambda f: f * _SFM_SHARE))
     unplaced = sorted(infos.keys() - {image.name for image in model.images})
     unreadable |= find_unreadable(root, unplaced)  # COLMAP does not say why it passes over a photo
     unplaced = [name for name in unplaced if name not in unreadable]

@@ -178,8 +178,8 @@ def _search(
     height, width = photo.grey.shape
     fields = np.zeros((4, height * width), np.float32)
     fields[:, planes.pixels] = planes.values
-    colour = (planes.pixels % width + planes.pixels // width) % 2
-    halves = [np.ascontiguousarray(planes.pixels[colour == c]) for c in (0, 1)]
+    color = (planes.pixels % width + planes.pixels // width) % 2
+    halves = [np.ascontiguousarray(planes.pixels[color == c]) for c in (0, 1)]
     view, maps = photo.scaled_view, depths if depths is not None else [None] * len(others)
     first = photo_struct(view, [(photo.quads, None, view)])
     other = photo_struct(view, [(p.quads, depth, p.scaled_view) for p, depth in zip(others, maps, strict=True)])
@@ -191,7 +191,7 @@ def _search(
 
 
 def search_struct(
-    photo: StereoPhoto, bounds: tuple[float, float], others: int, number: int, colour: int, consistent: bool,
+    photo: StereoPhoto, bounds: tuple[float, float], others: int, number: int, color: int, consistent: bool,
     options: PatchMatchOptions,
 ) -> NDArray[np.void]:  # fmt: skip
     """Return the options of half a round as the kernel takes them.
@@ -201,7 +201,7 @@ def search_struct(
         bounds: least and greatest inverse depth.
         others: number of neighbours.
         number: of the round; steps get shorter with it, and it seeds the random numbers.
-        colour: 0 or 1, which half of the pixels is searched.
+        color: 0 or 1, which half of the pixels is searched.
         consistent: whether the neighbours' own depths count.
         options: options of the search.
     """
@@ -211,7 +211,7 @@ def search_struct(
     search["shift"], search["tilt"] = options.shift * factor, options.tilt * factor
     search["consistency"], search["most_off"] = options.consistency if consistent else 0, options.consistency_max_cost
     search["inverse_focal"] = 1 / photo.intrinsics[0, 0], 1 / photo.intrinsics[1, 1]
-    search["best"], search["seed"] = min(options.best, others), 2 * number + colour
+    search["best"], search["seed"] = min(options.best, others), 2 * number + color
     return search
 
 

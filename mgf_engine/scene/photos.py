@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import PhotoInfo, UnreadablePhoto, read_infos, read_rgb, turn, write_png
+from mgf_engine.images import PhotoInfo, UnreadablePhoto, apply_orientation, read_infos, read_rgb, write_png
 from mgf_engine.memory import share
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import View
@@ -166,7 +166,7 @@ def original_photo(view: View) -> NDArray[np.uint8]:
 def _turned(path: Path, orientation: int) -> NDArray[np.uint8]:
     """Turn a photo as its camera saw it."""
     image = read_rgb(path)
-    return image if orientation == 1 else turn(image, orientation)
+    return image if orientation == 1 else apply_orientation(image, orientation)
 
 
 def _make_photo(photo: Photo, folder: Path) -> None:
@@ -235,7 +235,7 @@ def _orientation_by_color(
         return 1
     best = {}
     for orientation in (1, info.orientation):
-        turned = turn(photo, orientation)
+        turned = apply_orientation(photo, orientation)
         height, width = turned.shape[:2]
         at = np.floor(image.keypoints[seen] * (width / camera.width, height / camera.height)).astype(np.int64)
         at = at.clip(0, (width - 1, height - 1))

@@ -58,7 +58,7 @@ class SfmOptions:
         return self.matching == "exhaustive" or (self.matching == "auto" and photos <= self.exhaustive_photos)
 
 
-def reconstruct(
+def run_sfm(
     root: Path, photos: Mapping[str, PhotoInfo], folder: Path, options: SfmOptions, reporter: Reporter, share: Share
 ) -> Path:
     """Run structure from motion on a folder of photos.

@@ -14,10 +14,10 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.errors import BadInput
 from mgf_engine.start.dense import DensePoints
-from mgf_engine.start.lines import Line, line_points
+from mgf_engine.start.lines import Line3D, line_points
 from mgf_engine.start.options import StartOptions
 from mgf_engine.start.plane_points import crease_points, plane_points
-from mgf_engine.start.planes import LinePlanes, find_planes, snap_to_planes
+from mgf_engine.start.planes import LinePlanes, fit_planes_to_lines, snap_to_planes
 from mgf_engine.start.views import StartViews
 
 log = logging.getLogger("mgf")
@@ -66,7 +66,7 @@ class _Group(NamedTuple):
     near: float
 
 
-def gather_evidence(views: StartViews, lines: Sequence[Line], dense: DensePoints, options: StartOptions) -> Evidence:
+def gather_evidence(views: StartViews, lines: Sequence[Line3D], dense: DensePoints, options: StartOptions) -> Evidence:
     """Gather points on lines, sparse and stereo points, and Steiner points, all moved onto the planes near by.
 
     Args:
@@ -79,7 +79,7 @@ def gather_evidence(views: StartViews, lines: Sequence[Line], dense: DensePoints
         BadInput: hardly any points.
     """
     plane_options, pixel = options.planes, views.pixel
-    planes = find_planes(lines, pixel, plane_options)
+    planes = fit_planes_to_lines(lines, pixel, plane_options)
     on_lines, lines_seen = line_points(lines, pixel, options.segments)
     groups = [
         _Group(on_lines, lines_seen, np.ones(len(on_lines)), plane_options.near),
@@ -104,7 +104,7 @@ def gather_evidence(views: StartViews, lines: Sequence[Line], dense: DensePoints
 
 
 def _steiner_points(
-    views: StartViews, planes: LinePlanes, lines: Sequence[Line], dense: DensePoints, options: StartOptions
+    views: StartViews, planes: LinePlanes, lines: Sequence[Line3D], dense: DensePoints, options: StartOptions
 ) -> list[Array]:
     """Place points that only shape the tetrahedra: on creases and planes, behind stereo points, coarse in the hull.
 

@@ -23,7 +23,7 @@ _BATCH = 32_000  # segments that are fitted at a time: bounds the memory
 
 
 @dataclass(frozen=True)
-class Line:
+class Line3D:
     """A line in space.
 
     Attributes:
@@ -98,14 +98,14 @@ def _by_reference(segments: Segments) -> ctypes.c_void_p:
     return ctypes.c_void_p(ctypes.addressof(segments.table))
 
 
-def find_lines(segments: Segments) -> list[Line]:
+def find_lines(segments: Segments) -> list[Line3D]:
     """Find lines of a building greedily, strongest first: each explains enough segments that no earlier one does."""
     options, lengths = segments.options, segments.lengths
     hypotheses, score = match_segments(segments, choose_neighbours(segments))
     source = np.flatnonzero(score > options.least_score).astype(np.int32)
     source = np.ascontiguousarray(source[np.argsort(-score[source] * lengths[source], kind="stable")])
     used = np.zeros(len(lengths), bool)
-    result: list[Line] = []
+    result: list[Line3D] = []
     for start in range(0, len(source), _BATCH):
         batch = source[start : start + _BATCH]
         result += _select_lines(segments, batch, fit_segments(segments, batch, hypotheses[batch]), used)
@@ -118,7 +118,7 @@ def _select_lines(
     source: NDArray[np.int32],
     fitted: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float32], NDArray[np.float64]],
     used: NDArray[np.bool_],
-) -> list[Line]:
+) -> list[Line3D]:
     """Select the fitted lines that explain enough segments that no line before them explains.
 
     Args:
@@ -151,7 +151,7 @@ def _select_lines(
         ):
             continue
         used[mine] = True
-        result.append(Line(lines[n], seen, ends[n, seen]))
+        result.append(Line3D(lines[n], seen, ends[n, seen]))
     return result
 
 
@@ -166,7 +166,7 @@ def _spread(line: NDArray[np.float64], centres: NDArray[np.float64]) -> float:
 
 
 def line_points(
-    lines: Sequence[Line], pixel: float, options: SegmentOptions
+    lines: Sequence[Line3D], pixel: float, options: SegmentOptions
 ) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
     """Place points every ``options.step`` px where enough views show a line.
 

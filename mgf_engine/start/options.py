@@ -70,7 +70,7 @@ class SegmentOptions:
         (4.0, 55.0), "Angle between the viewing directions of two compared photos", "degrees", high=180
     )
     reach: float = parameter(1.5, "Maximum distance between a line and a segment that supports it", "px")
-    colour: float = parameter(9.0, "Maximum difference in Lab of the colours beside an edge; lightness counts a third")
+    color: float = parameter(9.0, "Maximum difference in Lab of the colours beside an edge; lightness counts a third")
     overlap: float = parameter(0.3, "Share of a line that a supporting segment must cover", high=1)
     least_views: int = parameter(3, "Minimum number of photos that show a line", low=2)
     least_score: float = parameter(

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from mgf_engine.start.lines import Line
+from mgf_engine.start.lines import Line3D
 from mgf_engine.start.options import PlaneOptions
 from mgf_engine.start.planes import LinePlanes, parallel_beside
 
 
 def plane_points(
-    planes: LinePlanes, lines: Sequence[Line], dense: NDArray[np.float64], pixel: float, options: PlaneOptions
+    planes: LinePlanes, lines: Sequence[Line3D], dense: NDArray[np.float64], pixel: float, options: PlaneOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Place points every ``options.grid`` px on each plane, over the rectangle around its lines or their convex hull.
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.normals import unit_vectors
-from mgf_engine.start.lines import Line
+from mgf_engine.start.lines import Line3D
 from mgf_engine.start.options import PlaneOptions
 
 _MOST_PAIRED = 1500  # longest lines that are paired: the number of pairs is quadratic
@@ -46,7 +46,7 @@ class _Lines:
     length: NDArray[np.float64]
 
     @classmethod
-    def of(cls, lines: Sequence[Line]) -> _Lines:
+    def of(cls, lines: Sequence[Line3D]) -> _Lines:
         a, b = np.stack([line.ends[0] for line in lines]), np.stack([line.ends[1] for line in lines])
         return cls(a, b, unit_vectors(b - a), np.linalg.norm(b - a, axis=1))
 
@@ -87,7 +87,7 @@ def dominant_directions(
     return np.array(found).reshape(-1, 3)
 
 
-def find_planes(lines: Sequence[Line], pixel: float, options: PlaneOptions) -> LinePlanes:
+def fit_planes_to_lines(lines: Sequence[Line3D], pixel: float, options: PlaneOptions) -> LinePlanes:
     """Find planes through lines greedily, each by the length of its lines that lie on no earlier plane.
 
     Candidates are pairs of dominant directions at each line parallel to both, and pairs of lines that lie in one plane.

@@ -54,13 +54,13 @@ def support(segments: Segments, m: int, line: Array, reach: float) -> float:
     return float(np.exp(-2 * off.mean() ** 2 / reach**2) * min(1.0, over / length))
 
 
-def same_colour(segments: Segments, n: int, m: int) -> bool:
+def same_color(segments: Segments, n: int, m: int) -> bool:
     """Tell whether at least one side of two segments has the same colour."""
     off = (segments.sides[n].astype(float) - segments.sides[m]) / np.array([3.0, 1, 1])
-    return bool(((off**2).sum(1) < segments.options.colour**2).any())
+    return bool(((off**2).sum(1) < segments.options.color**2).any())
 
 
-def vote(segments: Segments, view: int, line: Array, n: int) -> tuple[int, float]:
+def best_segment(segments: Segments, view: int, line: Array, n: int) -> tuple[int, float]:
     """Find the segment of a photo that fits a line of segment ``n`` best, and its score; -1, 0 for none.
 
     Args:
@@ -70,7 +70,7 @@ def vote(segments: Segments, view: int, line: Array, n: int) -> tuple[int, float
         n: row of the segment whose line it is.
     """
     rows = range(segments.first[view], segments.first[view + 1])
-    scores = [support(segments, m, line, segments.options.reach) * same_colour(segments, n, m) for m in rows]
+    scores = [support(segments, m, line, segments.options.reach) * same_color(segments, n, m) for m in rows]
     best = int(np.argmax(scores)) if scores else -1
     return (-1, 0.0) if best < 0 or scores[best] == 0 else (rows[best], scores[best])
 
@@ -81,10 +81,10 @@ def match_segment(segments: Segments, n: int, neighbours: NDArray[np.int32]) -> 
     others = [int(v) for v in neighbours[view] if v >= 0]
     for other in others:
         for m in range(segments.first[other], segments.first[other + 1]):
-            line = line_of(segments, n, m) if same_colour(segments, n, m) else None
+            line = line_of(segments, n, m) if same_color(segments, n, m) else None
             if line is None or support(segments, m, line, 1.0) == 0:
                 continue
-            total = sum(vote(segments, k, line, n)[1] for k in others)
+            total = sum(best_segment(segments, k, line, n)[1] for k in others)
             if total > score:
                 best, score = line, total
     return best, score
@@ -225,7 +225,7 @@ def around(shape: Tetrahedra, point: int) -> NDArray[np.int64]:
     return np.flatnonzero((shape.corners == point).any(1))
 
 
-def face_neighbours(corners: NDArray[np.int32]) -> NDArray[np.int32]:
+def tetrahedron_neighbours(corners: NDArray[np.int32]) -> NDArray[np.int32]:
     """Find the tetrahedron beyond each face of tetrahedra [T, 4], opposite of a corner; -1 for none, [T, 4]."""
     holders: dict[tuple[int, ...], list[tuple[int, int]]] = {}
     for cell, four in enumerate(corners.tolist()):

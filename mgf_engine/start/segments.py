@@ -17,7 +17,7 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.views import StartViews, pixel_rays
 
-_COLOUR_SAMPLES = 3, 7  # number of samples of the colour beside an edge: away from it, and along it
+_COLOR_SAMPLES = 3, 7  # number of samples of the colour beside an edge: away from it, and along it
 _CELL = 8.0  # px, of the grid that lists the segments near each pixel
 _POINTERS = ("ends", "sides", "rays", "normals", "view", "projection", "centre", "first", "grid", "cell", "near")
 
@@ -92,10 +92,10 @@ class Segments:
             self.views.centres, self.first, grid, cell, near,
         )  # fmt: skip
         arrays = tuple(np.ascontiguousarray(a) for a in arrays)
-        settings = (_CELL, self.options.reach, self.options.colour, self.options.overlap)
+        settings = (_CELL, self.options.reach, self.options.color, self.options.overlap)
         numbers = (*(a.ctypes.data for a in arrays), len(self.views.views), *settings)
         kinds = [*((n, ctypes.c_void_p) for n in _POINTERS), ("views", ctypes.c_int64)]
-        kinds += [(n, ctypes.c_double) for n in ("cell_size", "reach", "colour", "overlap")]
+        kinds += [(n, ctypes.c_double) for n in ("cell_size", "reach", "color", "overlap")]
         table = type("SegmentTable", (ctypes.Structure,), {"_fields_": kinds})(*numbers)
         table.arrays = arrays
         return table
@@ -148,14 +148,14 @@ def _detect(
     wanted = wanted[np.argsort(-length[wanted], kind="stable")[: options.most]]
     ends, along = ends[wanted], along[wanted]
     across = np.stack([-along[:, 1], along[:, 0]], 1) / length[wanted, None]
-    sides = np.stack([_side_colours(lab, ends, along, sign * across, options) for sign in (1, -1)], 1)
+    sides = np.stack([_side_colors(lab, ends, along, sign * across, options) for sign in (1, -1)], 1)
     flip = sides[:, 0, 0] < sides[:, 1, 0]
     ends[flip] = ends[flip][:, [2, 3, 0, 1]]
     sides[flip] = sides[flip][:, ::-1]
     return ends, sides
 
 
-def _side_colours(
+def _side_colors(
     lab: NDArray[np.float32],
     ends: NDArray[np.float64],
     along: NDArray[np.float64],
@@ -177,7 +177,7 @@ def _side_colours(
     if not len(ends):
         return np.zeros((0, 3), np.float32)
     away, share = (
-        np.linspace(*span, count) for span, count in zip((options.side, options.along), _COLOUR_SAMPLES, strict=True)
+        np.linspace(*span, count) for span, count in zip((options.side, options.along), _COLOR_SAMPLES, strict=True)
     )
     at = ends[:, None, None, :2] + share[None, :, None, None] * along[:, None, None]
     places = (at + away[None, None, :, None] * across[:, None, None]).reshape(len(ends), -1, 2).astype(np.float32)

@@ -80,7 +80,7 @@ class _Painter:
             return self._in_chunks(pixels, lambda faces, weight: self._blend(self.mesh.colors, faces, weight))
         view = self.painting.views[index]
         with self._memory.reserve(view.original_width, view.original_height):
-            photo = shrunk(view, self.painting.source(index), self.layout.scale)
+            photo = reduce_photo(view, self.painting.source(index), self.layout.scale)
             return self._in_chunks(
                 pixels,
                 lambda faces, weight: sample_photo(view, photo, self._blend(self.mesh.vertices, faces, weight)),
@@ -121,10 +121,10 @@ def look_up(view: View, source: Source, points: NDArray[np.float64], scale: floa
         points: [n, 3], normalised frame.
         scale: pixels wanted per pixel of the working photo; a photo that has more is made smaller first.
     """
-    return sample_photo(view, shrunk(view, source, scale), points)
+    return sample_photo(view, reduce_photo(view, source, scale), points)
 
 
-def shrunk(view: View, source: Source, scale: float) -> Source:
+def reduce_photo(view: View, source: Source, scale: float) -> Source:
     """Return the photo of a view with at most ``scale`` pixels per pixel of the working photo."""
     height, width = source.image.shape[:2]
     shrink = min(1.0, scale * view.width / width)

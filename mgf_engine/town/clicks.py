@@ -157,7 +157,7 @@ def _clicks_in(
     visible = drawn.owner[index] == number
     inward, outward = _depth(visible), _depth(render_mesh(alone, view).face < 0)
     on = classes.on[owner]
-    on[on] = enclosed(pixels[on], options)
+    on[on] = find_enclosed(pixels[on], options)
     free = visible & ~_near_others(drawn.owner[index], number, options)
     spare = _core_pixels(render_mesh(core, view).face >= 0, free, options)
     positive = _choose_positive(*_kept(pixels, on, inward, factor, options.inside), spare, factor, options)
@@ -204,7 +204,7 @@ def _kept(
     return chosen[kept], np.asarray(found[kept], np.float64)
 
 
-def enclosed(pixels: Array, options: ClickOptions) -> Bools:
+def find_enclosed(pixels: Array, options: ClickOptions) -> Bools:
     """Tell which points on a building [N, 2] others enclose, [N].
 
     Where a gable or a corner stands before the sky, points of wrong matches and of large features lie beside it, within

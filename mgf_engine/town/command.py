@@ -12,7 +12,7 @@ from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.memory import GB
 from mgf_engine.messages import Reporter
 from mgf_engine.shared_arguments import path_of
-from mgf_engine.terminal import duration, make_sink
+from mgf_engine.terminal import format_duration, make_sink
 from mgf_engine.town.folder import town_folder
 from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan
 from mgf_engine.town.plan_files import read_plan
@@ -127,4 +127,6 @@ def time_and_memory(rows: list[dict[str, Any]]) -> str:
     """Return one sentence: what the jobs of these buildings will take together, and the largest of them."""
     seconds = sum(row["estimate"]["seconds"] for row in rows)
     memory = max(row["estimate"]["bytes"] for row in rows)
-    return f"{len(rows)} jobs: about {duration(seconds)} one after the other, {memory / GB:.1f} GB for the largest."
+    return (
+        f"{len(rows)} jobs: about {format_duration(seconds)} one after the other, {memory / GB:.1f} GB for the largest."
+    )

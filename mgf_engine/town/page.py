@@ -13,7 +13,7 @@ import numpy as np
 
 from mgf_engine.masks.propagation.prompt_messages import asks_for_other_clicks
 from mgf_engine.system import atomic_path
-from mgf_engine.terminal import duration
+from mgf_engine.terminal import format_duration
 from mgf_engine.town.hulls import BY_HAND
 from mgf_engine.town.map import COLORS
 from mgf_engine.town.plan import BUILDINGS
@@ -45,7 +45,7 @@ def write_page(path: Path, town: Path, rows: list[dict[str, Any]], refresh: int 
     text = environment.get_template("town.html.j2").render(
         rows=shown, shapes=shapes, width=_WIDTH, height=height, refresh=refresh, colors=JOB_COLORS, states=COLORS,
         counts={k: n for k, n in counts.items() if n}, bar=bar, length=length,
-        seconds=duration(sum(row["done"].get("job_seconds", 0.0) for row in rows)),
+        seconds=format_duration(sum(row["done"].get("job_seconds", 0.0) for row in rows)),
         picture=_data(town / "map.png", "png"), files=[name for name in files if (town / name).is_file()],
     )  # fmt: skip
     with atomic_path(path) as temporary:
@@ -109,7 +109,7 @@ def _shown(row: dict[str, Any], town: Path) -> dict[str, Any]:
         "overall": f"{status.get('overall', 0.0):.0%}" if row["job"] == RUNNING else "",
         "height": measured.get("height", row["height"]), "area": row["area"], "volume": measured.get("volume"),
         "photos": len(row["photos"]), "pixel": round(100 * row["pixel"], 1),
-        "seconds": duration(done["job_seconds"]) if done.get("job_seconds") else "",
+        "seconds": format_duration(done["job_seconds"]) if done.get("job_seconds") else "",
         "confidence": done.get("confidence"), "notes": [note for note in notes if note],
         "second": second, "warnings": warnings,
         "picture": _data(folder / PICTURE, "jpeg") if done else "",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.crs import AUTO, plain_name, proj
+from mgf_engine.georef.crs import AUTO, normalise_crs, proj
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS
 from mgf_engine.georef.gps import read_place
@@ -86,7 +86,7 @@ def place_footprints(
     Raises:
         BadInput: nothing tells where the scene is, a CRS or the pairs cannot be used, or no footprint lies near it.
     """
-    named = plain_name(crs) if crs and crs != SCENE_FRAME else footprints.crs
+    named = normalise_crs(crs) if crs and crs != SCENE_FRAME else footprints.crs
     if pairs is not None:
         placed = _by_pairs(footprints, read_pairs(pairs), named)
     elif crs != SCENE_FRAME and _located(scene, config):

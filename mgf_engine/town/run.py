@@ -18,7 +18,7 @@ from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
 from mgf_engine.job_folder import locked
 from mgf_engine.messages import Reporter
 from mgf_engine.shared_arguments import path_of
-from mgf_engine.terminal import duration, make_sink
+from mgf_engine.terminal import format_duration, make_sink
 from mgf_engine.town.command import add_arguments as add_plan_arguments
 from mgf_engine.town.command import plan_town, time_and_memory
 from mgf_engine.town.folder import town_folder
@@ -206,7 +206,7 @@ def table(rows: list[dict[str, Any]]) -> Any:
         tried = " (second attempt)" if done.get("attempt", status.get("attempt", 1)) > 1 else ""
         shown.add_row(
             row["id"], row["state"], job, f"{status.get('overall', 0.0):.0%}" if row["job"] else "",
-            duration(seconds) if seconds else "", str(len(row["photos"])),
+            format_duration(seconds) if seconds else "", str(len(row["photos"])),
             f"{done['confidence']:.2f}" if done.get("confidence") is not None else "", note + tried,
         )  # fmt: skip
     return shown

@@ -64,7 +64,7 @@ def test_highlights_clip_and_corners_darken() -> None:
     assert dark[0, 0].max() < 155 and dark[40, 60].min() >= 199  # half the light is about 146 of 200
 
 
-def test_exposure_and_colour_drift_over_the_flight() -> None:
+def test_exposure_and_color_drift_over_the_flight() -> None:
     exposed = [develop(replace(PLAIN, exposure_drift=0.5), grey(PLAIN, 128), i)[0, 0] for i in range(8)]
     assert np.ptp([p[0] for p in exposed]) > 30 and all(np.ptp(p) == 0 for p in exposed)
     tinted = [develop(replace(PLAIN, white_balance=0.5), grey(PLAIN, 128), i)[0, 0] for i in range(8)]

@@ -136,7 +136,7 @@ def elements_of(folder: Path) -> dict[str, np.ndarray]:
     return {p.name: cv2.imread(str(p), cv2.IMREAD_UNCHANGED) for p in sorted((folder / "elements").iterdir())}
 
 
-def test_plain_walls_have_one_colour_and_few_points(source: Path, tmp_path: Path) -> None:
+def test_plain_walls_have_one_color_and_few_points(source: Path, tmp_path: Path) -> None:
     folder = made(source, tmp_path, "walls", 1.0)
     before, after, elements = photos_of(source), photos_of(folder), elements_of(source)
     for name, map_ in elements.items():

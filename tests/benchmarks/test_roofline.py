@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import roofline
-from mgf_engine.field.synthetic import building, corner_view
+from mgf_engine.field.synthetic import corner_view, synthetic_building
 from mgf_engine.native import library
 from mgf_engine.raster import cpu
 
@@ -25,7 +25,7 @@ def test_kernels_stay_below_what_the_processor_can_do() -> None:
 
 
 def test_pairs_hold_every_pixel_that_took_a_gaussian() -> None:
-    field, camera = building(300), corner_view(96, 64)
+    field, camera = synthetic_building(300), corner_view(96, 64)
     raw = cpu.Parameters.of_field(field)
     image, _ = cpu.blend(cpu.list_tiles(raw, camera, 2, None), geometry=True)
     covered = int((image[3] > 0).sum())

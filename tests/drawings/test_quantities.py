@@ -61,7 +61,7 @@ def test_an_even_wall_deviates_nowhere(drawings: Path, rows: dict[tuple[str, str
     assert float(rows["A", "deviation from the plane, RMS"]) == pytest.approx(0.0, abs=0.1)
 
 
-def test_the_scale_of_colours_names_its_unit() -> None:
+def test_the_scale_of_colors_names_its_unit() -> None:
     deviation = np.full((100, 300), 0.012, np.float32)
     metric, units = deviation_picture(deviation), deviation_picture(deviation, "1/1000 units")
     assert metric.shape == units.shape and len(metric) > 100 and (metric[:100] == units[:100]).all()

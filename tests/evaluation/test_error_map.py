@@ -16,7 +16,7 @@ from mgf_engine.evaluation.error_map import colors, subdivided
 from mgf_engine.evaluation.surfaces import Surface
 
 
-def test_colours_go_from_right_to_wrong() -> None:
+def test_colors_go_from_right_to_wrong() -> None:
     near, limit, far = colors(np.array([0.0, 1.0, 9.0]), 1.0).astype(int)
     assert near[2] > near[0] and limit[0] > 200 and limit[1] > 200 and far[0] > 100 and far[1:].max() < 60
 

@@ -21,7 +21,15 @@ from mgf_engine.evaluation.confidence import ConfidenceShares
 from mgf_engine.evaluation.curve import curve_svg, smoothed
 from mgf_engine.evaluation.evenness import Evenness, PlaneEvenness
 from mgf_engine.evaluation.images import score
-from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, duration, embed, memory, write_report
+from mgf_engine.evaluation.report import (
+    ReportData,
+    StageReport,
+    ViewReport,
+    embed,
+    format_exact_duration,
+    memory,
+    write_report,
+)
 from mgf_engine.export import report as job_report
 from mgf_engine.images import write_png
 
@@ -210,7 +218,7 @@ def test_curve() -> None:
     ],
 )
 def test_durations(seconds: float | None, text: str) -> None:
-    assert duration(seconds) == text
+    assert format_exact_duration(seconds) == text
 
 
 def test_memory() -> None:

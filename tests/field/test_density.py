@@ -4,7 +4,7 @@ import math
 import pytest
 import torch
 
-from mgf_engine.field.density import DensificationOptions, budget_at, refine, split
+from mgf_engine.field.density import DensificationOptions, budget_at, densify_and_prune, split
 from mgf_engine.field.optimiser import Optimiser
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.morton import along_curve
@@ -48,7 +48,7 @@ def test_children_lie_along_the_longest_axis_and_are_narrower_there() -> None:
 def test_those_that_answer_for_most_error_are_split_within_the_budget() -> None:
     optimiser = Optimiser(gaussians())
     marked = optimiser.field.positions[-3:].clone()
-    result = refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 23, grow=True)
+    result = densify_and_prune(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 23, grow=True)
     assert (result.added, result.pruned, len(optimiser.field)) == (3, 0, 23)
     assert not any(bool((optimiser.field.positions == m).all(1).any()) for m in marked)
     for first, second in optimiser.moments.values():
@@ -63,7 +63,7 @@ def test_what_belongs_to_a_gaussian_moves_with_it() -> None:
     for first, _ in optimiser.moments.values():
         first.view(20, -1)[:] = tags[:, None]
     before = optimiser.field.positions.clone()
-    refine(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 22, grow=True)
+    densify_and_prune(optimiser, seen_stats(20), torch.ones(20, dtype=torch.bool), 22, grow=True)
     kept = [int((optimiser.field.positions == place).all(1).nonzero()) for place in before[:18]]
     assert kept != sorted(kept)  # they did change places
     torch.testing.assert_close(optimiser.field.opacity_logits[kept], tags[:18] / 100)
@@ -75,8 +75,8 @@ def test_the_unseen_stay_where_a_view_had_no_turn() -> None:
     optimiser, stats = Optimiser(gaussians()), seen_stats(20)
     stats.count[1] = 0
     everything = torch.ones(20, dtype=torch.bool)
-    assert refine(optimiser, stats, everything, 100, grow=False, prune_unseen=False).pruned == 0
-    assert refine(optimiser, stats, everything, 100, grow=False).pruned == 1
+    assert densify_and_prune(optimiser, stats, everything, 100, grow=False, prune_unseen=False).pruned == 0
+    assert densify_and_prune(optimiser, stats, everything, 100, grow=False).pruned == 1
 
 
 def test_the_unseen_the_faint_and_the_outvoted_are_dropped() -> None:
@@ -87,7 +87,7 @@ def test_the_unseen_the_faint_and_the_outvoted_are_dropped() -> None:
     keep = torch.ones(20, dtype=torch.bool)
     keep[2] = False
     optimiser = Optimiser(field)
-    result = refine(optimiser, stats, keep, 100, grow=False)
+    result = densify_and_prune(optimiser, stats, keep, 100, grow=False)
     assert (result.added, result.pruned) == (0, 3)
 
 
@@ -95,7 +95,7 @@ def test_nothing_grows_where_the_picture_is_right() -> None:
     stats = seen_stats(20)
     stats.error.zero_()
     optimiser = Optimiser(gaussians())
-    assert refine(optimiser, stats, torch.ones(20, dtype=torch.bool), 100, grow=True).added == 0
+    assert densify_and_prune(optimiser, stats, torch.ones(20, dtype=torch.bool), 100, grow=True).added == 0
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 1000), (0.9, 100_000)])

@@ -22,7 +22,7 @@ def random_field(count: int = 30) -> Gaussians:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_rotated_harmonics_give_the_same_colour_in_the_turned_direction(seed: int) -> None:
+def test_rotated_harmonics_give_the_same_color_in_the_turned_direction(seed: int) -> None:
     rotation = Rotation.random(random_state=seed).as_matrix()
     directions = np.random.default_rng(seed).normal(size=(50, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

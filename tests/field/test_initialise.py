@@ -26,7 +26,7 @@ def test_discs_lie_in_the_plane_and_face_the_camera(normal) -> None:
     assert bool((scales[:, 2] < scales[:, 0]).all())
 
 
-def test_colours_come_back_from_the_constant_harmonic() -> None:
+def test_colors_come_back_from_the_constant_harmonic() -> None:
     colors = np.random.default_rng(0).integers(0, 256, (10, 3)).astype(np.uint8)
     points = np.random.default_rng(1).random((10, 3))
     field = initial_field(points, colors, points + 1)

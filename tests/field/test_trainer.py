@@ -77,8 +77,10 @@ def test_gaussians_are_not_called_unseen_before_every_photo_had_a_turn(
     make_wall, tmp_path, monkeypatch, every: int, complete: bool
 ) -> None:
     scene, masks = make_wall(CENTRES)
-    asked, refine = [], trainer.refine
-    monkeypatch.setattr(trainer, "refine", lambda *a, prune_unseen: asked.append(prune_unseen) or refine(*a))
+    asked, densify = [], trainer.densify_and_prune
+    monkeypatch.setattr(
+        trainer, "densify_and_prune", lambda *a, prune_unseen: asked.append(prune_unseen) or densify(*a)
+    )
     train(scene, masks, make_config({**OPTIONS, "iterations": 24, "densify_every": every}), tmp_path, Reporter())
     assert len(asked) == 24 // every and set(asked) == {complete}
 

@@ -37,7 +37,7 @@ def test_areas_add_up_and_cuts_are_shared():
         )
 
 
-def test_colours_go_evenly_along_cut_edges():
+def test_colors_go_evenly_along_cut_edges():
     triangle = Mesh(
         np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0]]), np.array([[0, 1, 2]], np.int32),
         np.array([[0, 0, 0], [200, 0, 0], [0, 100, 40]], np.uint8),

@@ -75,7 +75,7 @@ def test_ply_is_float_near_the_origin_and_double_far_from_it(tmp_path):
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), UTM])
-def test_obj_keeps_coordinates_faces_and_colours(tmp_path, offset):
+def test_obj_keeps_coordinates_faces_and_colors(tmp_path, offset):
     mesh = colored(offset)
     write_obj(mesh, tmp_path / "mesh.obj")
     lines = [line.split() for line in (tmp_path / "mesh.obj").read_text().splitlines()]

@@ -178,7 +178,7 @@ def test_pixels_behind_faces_that_go_are_counted_as_if_all_were_drawn_again(thre
     library.set_threads(0)
 
 
-def test_faces_from_behind_are_grey_where_colours_mean_something():
+def test_faces_from_behind_are_grey_where_colors_mean_something():
     """Reddish, they would look like another confidence."""
     mesh = replace(ball(subdivisions=2), colors=np.full((162, 3), (0, 200, 0), np.uint8))
     inside_out = replace(mesh, faces=np.ascontiguousarray(mesh.faces[:, ::-1]))

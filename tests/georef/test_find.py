@@ -149,9 +149,9 @@ def test_heights_in_the_place_of_eastings_are_guessed(site):
 
 
 def test_degrees_are_guessed(site):
-    from mgf_engine.georef.crs import Projection
+    from mgf_engine.georef.crs import ProjectedCrs
 
-    places = {k: Projection(CRS).places((ORIGIN + v)[None])[0][[1, 0, 2]] for k, v in TARGETS.items()}
+    places = {k: ProjectedCrs(CRS).places((ORIGIN + v)[None])[0][[1, 0, 2]] for k, v in TARGETS.items()}
     path = site.folder / "degrees.csv"
     path.write_text("".join(f"{k},{v[0]:.8f},{v[1]:.8f},{v[2]:.3f}\n" for k, v in places.items()))
     _refused(site, path, "seem to be degrees")

@@ -52,7 +52,7 @@ def test_label_maps_stay_as_they_are():
     assert (to_labels(labels, WHERE) == labels).all()
 
 
-def test_alpha_wins_over_colour():
+def test_alpha_wins_over_color():
     image = np.full((20, 40, 4), 90, np.uint8)
     image[..., 3] = square()
     assert (to_labels(image, WHERE) == (square() > 0)).all()
@@ -60,7 +60,7 @@ def test_alpha_wins_over_colour():
     assert (to_labels(image, WHERE) == (square() > 0)).all()
 
 
-def test_colour_masks():
+def test_color_masks():
     image = np.zeros((20, 40, 3), np.uint8)
     image[5:15, 10:20] = (0, 0, 200)
     image[5:15, 20:30] = (0, 90, 0)

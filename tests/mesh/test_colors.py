@@ -30,7 +30,7 @@ def photographed(mesh, view):
     return photo, buffers.face >= 0
 
 
-def test_vertices_take_the_colour_of_their_place():
+def test_vertices_take_the_color_of_their_place():
     mesh, views = ball(subdivisions=4), ring(12)
     photos = [photographed(mesh, v) for v in views]
     colored = color_from_photos(mesh, views, lambda i: photos[i][0], [p[1] for p in photos])

@@ -140,7 +140,7 @@ def rims(mesh: Mesh):
     return [mesh.vertices[loop] for loop in boundary_loops(mesh)]
 
 
-def test_colours_keep_their_borders():
+def test_colors_keep_their_borders():
     box = fine_box()
     dark = np.abs(box.vertices[:, 0]) < 0.3
     painted = replace(box, colors=np.where(dark[:, None], 40, 200).astype(np.uint8).repeat(3, 1)[:, :3])

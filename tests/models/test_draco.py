@@ -67,7 +67,7 @@ def test_a_level_is_the_same_but_for_rounding(models: Path, tmp_path: Path) -> N
     assert small_size < plain_size / 4
 
 
-def test_colours_are_kept_where_there_is_no_texture(tmp_path: Path) -> None:
+def test_colors_are_kept_where_there_is_no_texture(tmp_path: Path) -> None:
     grid = np.array([(x, y, 0.1 * x * y) for x in range(20) for y in range(20)], float)
     faces = np.array([(20 * x + y, 20 * x + y + 20, 20 * x + y + 21) for x in range(19) for y in range(19)], np.int32)
     colors = np.column_stack([grid[:, :2] * 12, np.full(len(grid), 9)]).astype(np.uint8)

@@ -94,7 +94,7 @@ def test_usd_has_every_level_with_its_texture(stage: Any, index: dict[str, Any])
     assert len(variants.GetVariantNames()) == 4
 
 
-def test_points_lie_on_the_house_in_utm_with_its_colours(models: Path) -> None:
+def test_points_lie_on_the_house_in_utm_with_its_colors(models: Path) -> None:
     with laspy.open(models / "surface.laz") as file:
         assert file.header.parse_crs().to_epsg() == 32632
         cloud = file.read()

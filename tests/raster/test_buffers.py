@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from mgf_engine.native import buffers
-from mgf_engine.native.buffers import Frame, lasting_array
+from mgf_engine.native.buffers import RenderBuffers, lasting_array
 
 COLLECTED_INSIDE = """
 import gc
@@ -33,7 +33,7 @@ class Collecting:
         self.lock.release()
 
 import torch
-frame = buffers.Frame()
+frame = buffers.RenderBuffers()
 place = frame.array(torch.float32, 1000).data_ptr()
 frame.itself = frame  # only the collector ends it
 del frame
@@ -56,17 +56,17 @@ def test_a_frame_collected_while_the_pool_is_in_use_does_not_stop_it() -> None:
 
 
 def test_what_is_handed_back_is_taken_again() -> None:
-    frame = Frame()
+    frame = RenderBuffers()
     place = frame.array(torch.float32, 5000).data_ptr()
     del frame
     again = lasting_array(torch.int32, 4000)
     assert again.data_ptr() == place
     del again
-    assert Frame().array(torch.uint8, 16000).data_ptr() == place
+    assert RenderBuffers().array(torch.uint8, 16000).data_ptr() == place
 
 
 def test_the_pool_keeps_few_arrays_also_when_no_more_are_asked_for() -> None:
-    frames = [Frame() for _ in range(3 * buffers._POOL_LIMIT)]
+    frames = [RenderBuffers() for _ in range(3 * buffers._POOL_LIMIT)]
     for frame in frames:
         frame.array(torch.uint8, 1000)
     del frames, frame
@@ -76,7 +76,7 @@ def test_the_pool_keeps_few_arrays_also_when_no_more_are_asked_for() -> None:
 def test_no_array_is_lost_or_given_twice_among_threads() -> None:
     def work(number: int) -> None:
         for turn in range(300):
-            frame = Frame()
+            frame = RenderBuffers()
             array = frame.array(torch.int64, 64 + turn)
             array.fill_(number)
             if not bool((array == number).all()):

@@ -20,7 +20,7 @@ from mgf_engine.native.cuda.sources import programs
 
 def _nvrtc() -> compiler.Nvrtc:
     try:
-        return compiler.library()
+        return compiler.load_nvrtc()
     except BadInput as error:
         pytest.skip(str(error))
 
@@ -47,10 +47,10 @@ def test_unknown_architecture_is_refused() -> None:
 
 def test_missing_compiler_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MGF_NVRTC", "/nowhere/libnvrtc.so")
-    compiler.library.cache_clear()
+    compiler.load_nvrtc.cache_clear()
     with pytest.raises(BadInput, match="pip install nvidia-cuda-nvrtc"):
-        compiler.library()
-    compiler.library.cache_clear()
+        compiler.load_nvrtc()
+    compiler.load_nvrtc.cache_clear()
 
 
 def test_broken_source_shows_the_compilers_words() -> None:
@@ -87,11 +87,11 @@ def choose(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int, list[str]
         monkeypatch.setattr(compiler, "driver", lambda: Driver(DriverOf(driver)))
         monkeypatch.setattr(compiler, "Nvrtc", CompilerAt)
         monkeypatch.setattr(compiler, "_candidates", lambda: versions)
-        compiler.library.cache_clear()
-        return compiler.library()
+        compiler.load_nvrtc.cache_clear()
+        return compiler.load_nvrtc()
 
     yield of
-    compiler.library.cache_clear()
+    compiler.load_nvrtc.cache_clear()
 
 
 def test_a_compiler_newer_than_the_driver_is_passed_over(choose: Callable[[int, list[str]], Any]) -> None:
@@ -110,7 +110,7 @@ def test_without_a_driver_any_compiler_will_do(
     with pytest.raises(BadInput):
         choose(11080, ["13.0"])
     monkeypatch.setattr(compiler, "driver", missing)
-    assert compiler.library().version == (13, 0)
+    assert compiler.load_nvrtc().version == (13, 0)
 
 
 @pytest.mark.parametrize("system, builtins", [

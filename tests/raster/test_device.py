@@ -141,7 +141,7 @@ class FakeTorch:
 @pytest.fixture
 def find(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[float | Exception], gpu.Gpu]]:
     monkeypatch.setattr(gpu, "driver", lambda: None)
-    monkeypatch.setattr(compiler, "library", lambda: SimpleNamespace(architectures=(90,)))
+    monkeypatch.setattr(compiler, "load_nvrtc", lambda: SimpleNamespace(architectures=(90,)))
 
     def with_answer(answer: float | Exception) -> gpu.Gpu:
         monkeypatch.setattr(gpu, "torch", FakeTorch(answer))
@@ -165,7 +165,7 @@ def test_torch_without_kernels_for_the_gpu_is_named(find: Callable[[float | Exce
 
 def test_compiled_kernels_are_kept_and_damaged_ones_made_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     try:
-        compiler.library()
+        compiler.load_nvrtc()
     except BadInput as error:
         pytest.skip(str(error))
     monkeypatch.setenv("MGF_CACHE", str(tmp_path))

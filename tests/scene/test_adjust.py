@@ -14,10 +14,10 @@ import pytest
 from benchmarks.synthetic.colmap_scene import Messages, reconstruction, write_model
 from mgf_engine.errors import Cancelled
 from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent, far_points
-from mgf_engine.scene.adjust_task import RESULT, TASK, Task, read_result, read_task, write_result, write_task
+from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_result, read_task, write_result, write_task
 from mgf_engine.scene.adjust_worker import align_similarity, replaced_points
 from mgf_engine.scene.colmap import read_model
-from mgf_engine.scene.colmap_bundle import centres, moved, projection_errors
+from mgf_engine.scene.colmap_bundle import centres, projection_errors, transform_model
 from mgf_engine.scene.normalise import rotation_of
 from mgf_engine.scene.sparse import SparseModel
 
@@ -183,12 +183,14 @@ def test_a_crash_of_the_process_leaves_the_model_and_cancelling_ends_it(
 
 def test_models_are_laid_onto_where_most_of_them_lay(tmp_path: Path) -> None:
     true = true_model(tmp_path)
-    away = moved(true, pycolmap.Sim3d(2.5, pycolmap.Rotation3d(np.array([0.3, -0.2, 1.0])), np.array([1.0, 2.0, 3.0])))
+    away = transform_model(
+        true, pycolmap.Sim3d(2.5, pycolmap.Rotation3d(np.array([0.3, -0.2, 1.0])), np.array([1.0, 2.0, 3.0]))
+    )
     assert median_error(away) < 1e-3
     xyz = away.points.xyz.copy()
     xyz[::3] += np.random.default_rng(6).normal(0, 5, xyz[::3].shape)
     used = np.arange(len(xyz))
-    task = Task(true, RESOLUTION, used, used, 1.0)
+    task = AdjustmentTask(true, RESOLUTION, used, used, 1.0)
     back = align_similarity(replace(away, points=replace(away.points, xyz=xyz)), task)
     assert back is not None and np.allclose(centres(back), centres(true), atol=1e-6)
     nowhere = replace(
@@ -208,7 +210,7 @@ def test_far_points_are_counted() -> None:
 def test_a_task_and_its_result_pass_through_plain_files(tmp_path: Path) -> None:
     model = true_model(tmp_path, "OPENCV")
     chosen = np.arange(4)
-    write_task(Task(model, 750, chosen, chosen[:2], 3.5), tmp_path / TASK)
+    write_task(AdjustmentTask(model, 750, chosen, chosen[:2], 3.5), tmp_path / TASK)
     task = read_task(tmp_path / TASK)
     assert (task.resolution, task.before) == (750, 3.5)
     assert task.chosen.tolist() == [0, 1, 2, 3] and task.used.tolist() == [0, 1]

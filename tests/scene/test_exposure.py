@@ -68,7 +68,7 @@ def test_a_photo_that_shares_nothing_stays_as_it_is(scene) -> None:
     assert np.ptp(others, axis=0).max() < 0.02
 
 
-def test_no_points_and_clipped_colours_change_nothing(scene) -> None:
+def test_no_points_and_clipped_colors_change_nothing(scene) -> None:
     assert (photo_gains(np.full((len(scene.track_view), 3), 255.0), scene) == 1).all()
     empty = replace(scene, points=np.zeros((0, 3)), track_start=np.zeros(1, np.int64),
                     track_view=np.zeros(0, np.int32), track_uv=np.zeros((0, 2), np.float32))  # fmt: skip

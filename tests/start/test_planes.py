@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mgf_engine.start import reference
-from mgf_engine.start.lines import Line, line_points
+from mgf_engine.start.lines import Line3D, line_points
 from mgf_engine.start.options import PlaneOptions, SegmentOptions
 from mgf_engine.start.plane_points import crease_points, plane_points
-from mgf_engine.start.planes import LinePlanes, dominant_directions, find_planes, snap_to_planes
+from mgf_engine.start.planes import LinePlanes, dominant_directions, fit_planes_to_lines, snap_to_planes
 
 PIXEL = 0.01
 
 
-def line(a: ArrayLike, b: ArrayLike) -> Line:
+def line(a: ArrayLike, b: ArrayLike) -> Line3D:
     ends = np.array([a, b], float)
     shown = np.tile([[0.0, np.linalg.norm(ends[1] - ends[0])]], (4, 1))
-    return Line(ends, np.arange(4), shown)
+    return Line3D(ends, np.arange(4), shown)
 
 
-def frame(z: float) -> list[Line]:
+def frame(z: float) -> list[Line3D]:
     """The edges of a square of 2 x 2 and a window in it, at height ``z``."""
     outer = [[0, 0, z], [2, 0, z], [2, 2, z], [0, 2, z]]
     inner = [[0.5, 0.5, z], [1.2, 0.5, z], [1.2, 1.2, z], [0.5, 1.2, z]]
@@ -31,19 +31,19 @@ def frame(z: float) -> list[Line]:
 
 
 def test_a_plane_with_its_lines_is_found_once() -> None:
-    found = find_planes(frame(1.0), PIXEL, PlaneOptions())
+    found = fit_planes_to_lines(frame(1.0), PIXEL, PlaneOptions())
     assert len(found.planes) == 1 and len(found.members[0]) == 8
     np.testing.assert_allclose(np.abs(found.planes[0]), [0, 0, 1, 1], atol=1e-9)
-    assert len(find_planes([], PIXEL, PlaneOptions()).planes) == 0
-    assert len(find_planes([line([0, 0, 0], [1, 0, 0])], PIXEL, PlaneOptions()).planes) == 0
+    assert len(fit_planes_to_lines([], PIXEL, PlaneOptions()).planes) == 0
+    assert len(fit_planes_to_lines([line([0, 0, 0], [1, 0, 0])], PIXEL, PlaneOptions()).planes) == 0
 
 
 def test_a_wall_whose_lines_all_lie_on_its_neighbours_is_found_after_the_maximum() -> None:
     corners = np.array(list(np.ndindex(2, 2, 2))) * 2.0
     edges = [line(a, b) for a, b in combinations(corners, 2) if (a != b).sum() == 1]
     edges.append(line([0, 0.9, 1], [2, 0.9, 1.06]))  # along no plane: its ends are 3 px off the one through its middle
-    assert len(find_planes(edges, PIXEL, PlaneOptions(most=4, separate=10)).planes) == 4
-    found = find_planes(edges, PIXEL, PlaneOptions(most=4))
+    assert len(fit_planes_to_lines(edges, PIXEL, PlaneOptions(most=4, separate=10)).planes) == 4
+    found = fit_planes_to_lines(edges, PIXEL, PlaneOptions(most=4))
     assert len(found.planes) == 6 and all(len(members) == 4 for members in found.members)
     np.testing.assert_array_equal(found.strength, found.strength[0])
     assert len(np.unique(np.abs(found.planes).round(6), axis=0)) == 6
@@ -51,8 +51,8 @@ def test_a_wall_whose_lines_all_lie_on_its_neighbours_is_found_after_the_maximum
 
 def test_after_the_maximum_no_plane_is_found_beside_a_parallel_one() -> None:
     lines = frame(1.0) + frame(1.0 + 10 * PIXEL) + frame(1.0 + 50 * PIXEL)
-    assert len(find_planes(lines, PIXEL, PlaneOptions(most=3)).planes) == 3
-    offsets = np.sort(np.abs(find_planes(lines, PIXEL, PlaneOptions(most=1)).planes[:, 3]))
+    assert len(fit_planes_to_lines(lines, PIXEL, PlaneOptions(most=3)).planes) == 3
+    offsets = np.sort(np.abs(fit_planes_to_lines(lines, PIXEL, PlaneOptions(most=1)).planes[:, 3]))
     assert len(offsets) == 2 and np.ptp(offsets) > PlaneOptions().rectangle_layer * PIXEL
 
 
@@ -89,7 +89,7 @@ def test_points_among_many_planes_move_as_those_of_the_reference() -> None:
 
 def test_a_plane_is_covered_by_points_but_not_where_dense_ones_lie_beside_it() -> None:
     lines, o = frame(1.0), PlaneOptions()
-    planes = find_planes(lines, PIXEL, o)
+    planes = fit_planes_to_lines(lines, PIXEL, o)
     points, owner = plane_points(planes, lines, np.zeros((0, 3)), PIXEL, o)
     np.testing.assert_allclose(points[:, 2], 1.0, atol=1e-9)
     assert len(points) > 0.9 * (2 / (o.grid * PIXEL)) ** 2 and not owner.any()
@@ -143,13 +143,13 @@ def test_creases_lie_on_both_planes() -> None:
 
 
 def test_points_of_a_line_lie_where_three_views_show_it() -> None:
-    part = Line(np.array([[0.0, 0, 0], [1, 0, 0]]), np.arange(4), np.array([[0, 1], [0, 1], [0.5, 1], [0.6, 1.0]]))
+    part = Line3D(np.array([[0.0, 0, 0], [1, 0, 0]]), np.arange(4), np.array([[0, 1], [0, 1], [0.5, 1], [0.6, 1.0]]))
     points, seen = line_points([part], PIXEL, SegmentOptions(step=5.0))
     assert points[:, 0].min() >= 0.44 and points[:, 0].max() <= 1.0 + 1e-9
     assert {len(s) for s in seen} == {3, 4} and len(seen) == len(points)
 
 
 def test_lines_of_two_views_get_points_where_two_suffice() -> None:
-    part = Line(np.array([[0.0, 0, 0], [1, 0, 0]]), np.arange(2), np.array([[0, 1], [0.5, 1.0]]))
+    part = Line3D(np.array([[0.0, 0, 0], [1, 0, 0]]), np.arange(2), np.array([[0, 1], [0.5, 1.0]]))
     points, seen = line_points([part], PIXEL, SegmentOptions(least_views=2))
     assert points[:, 0].min() > 0.45 and {len(s) for s in seen} == {2}

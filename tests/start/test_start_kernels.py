@@ -113,7 +113,7 @@ def test_the_tables_are_those_of_the_reference(variant: None) -> None:
     for point in range(0, len(points), 37):
         assert np.array_equal(listed[first[point] : first[point + 1]], reference.around(shape, point))
     assert len(listed) == first[-1] == 4 * len(shape.corners)
-    assert np.array_equal(shape.neighbours, reference.face_neighbours(shape.corners))
+    assert np.array_equal(shape.neighbours, reference.tetrahedron_neighbours(shape.corners))
 
 
 def test_neighbours_share_three_corners(shape: Tetrahedra) -> None:

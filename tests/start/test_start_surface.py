@@ -54,7 +54,7 @@ def test_the_surface_is_closed_and_faces_outward(found: StartSurface) -> None:
     assert found.confidence.max() <= 1 and found.confidence.min() >= 0 and np.mean(found.confidence > 0) > 0.5
 
 
-def test_samples_have_the_colours_and_normals_of_the_surface(plain_house: PlainHouse, found: StartSurface) -> None:
+def test_samples_have_the_colors_and_normals_of_the_surface(plain_house: PlainHouse, found: StartSurface) -> None:
     samples = sample_surface(found.mesh, plain_house.scene, range(16), 4000, 0.02)
     np.testing.assert_allclose(np.linalg.norm(samples.normals, axis=1), 1, atol=1e-9)
     high = samples.points[:, 2] > 2.5

@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from benchmarks.gps_exif import gps_exif
-from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.scene.cameras import to_original
 
@@ -142,7 +142,7 @@ def write_gps(site: Site, noise: float = 0.0, seed: int = 5, line: bool = False)
     for index, view in enumerate(site.scene.views):
         at = site.truth(view.centre) + rng.normal(0, noise, 3) if noise else site.truth(view.centre)
         at = np.add(ORIGIN, (3.0 * index, 0, 0)) if line else at
-        latitude, longitude, height = Projection(CRS).places(at[None])[0]
+        latitude, longitude, height = ProjectedCrs(CRS).places(at[None])[0]
         write_photo(Path(view.photo), latitude, longitude, height)
 
 

@@ -140,7 +140,7 @@ def test_without_seams_or_differences_nothing_is_corrected() -> None:
     assert np.abs(level_seams(mesh, one, face_neighbours(mesh.faces), views, lambda i: photos[i]).value).max() < 1e-3
 
 
-def test_what_is_painted_with_vertex_colours_stays() -> None:
+def test_what_is_painted_with_vertex_colors_stays() -> None:
     mesh, half, views, photos = painted_ball(0)
     bare = np.where(half == 1, NO_VIEW, 0).astype(np.int32)
     mesh = replace(mesh, colors=np.full_like(mesh.colors, 130))
@@ -167,7 +167,7 @@ def choose_all(found: FaceViews, mesh: Mesh) -> np.ndarray:
     return choose_views(found, face_neighbours(mesh.faces), np.ones(len(mesh.faces)))
 
 
-def test_a_photo_in_another_colour_than_the_others_is_taken_only_where_no_other_shows() -> None:
+def test_a_photo_in_another_color_than_the_others_is_taken_only_where_no_other_shows() -> None:
     mesh, views = ball(subdivisions=3), ring(8)
     photos = [np.full((v.height, v.width, 3), 20 if k == 0 else 128, np.uint8) for k, v in enumerate(views)]
     mesh = replace(mesh, colors=np.full((len(mesh.vertices), 3), 128, np.uint8))

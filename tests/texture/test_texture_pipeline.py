@@ -74,7 +74,7 @@ def shown(texture: Texture, face: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return texture.image[np.floor((1 - v) * height).astype(int), np.floor(u * width).astype(int)].astype(float)
 
 
-def test_every_spot_has_its_colour_finer_than_the_working_photos(house: House, scene: Scene) -> None:
+def test_every_spot_has_its_color_finer_than_the_working_photos(house: House, scene: Scene) -> None:
     warnings: list[str] = []
     texture = make_texture(in_frame(scene, house.mesh), scene, masks_of(scene, house), 1024, warnings.append)
     assert not warnings and texture.uv.shape == (len(house.mesh.faces), 3, 2)
@@ -91,7 +91,7 @@ def test_every_spot_has_its_colour_finer_than_the_working_photos(house: House, s
 def test_no_more_photos_are_open_at_once_than_memory_allows(scene, house, monkeypatch, fit: float, most: int) -> None:
     view = scene.views[0]
     size = view.original_width * view.original_height
-    opened, counts, painting = [0], [], bake.shrunk
+    opened, counts, painting = [0], [], bake.reduce_photo
 
     def counted(*arguments: Any) -> Any:
         opened[0] += 1
@@ -150,7 +150,7 @@ def test_photos_are_brought_to_one_exposure(house: House, tmp_path: Path) -> Non
     assert np.median(off) < 10
 
 
-def test_faces_that_no_photo_shows_are_painted_with_their_vertices_colours(house: House, scene: Scene) -> None:
+def test_faces_that_no_photo_shows_are_painted_with_their_vertices_colors(house: House, scene: Scene) -> None:
     floor = np.array([[0, 2, 1], [0, 3, 2]], np.int32)
     colors = np.tile(np.array([[10, 200, 90]], np.uint8), (len(house.mesh.vertices), 1))
     mesh = Mesh(house.mesh.vertices, np.concatenate([house.mesh.faces, floor]), colors)

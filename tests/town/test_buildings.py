@@ -20,7 +20,7 @@ from mgf_engine.job import Job
 from mgf_engine.results import load_scene_of
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.crop import parse_crop_box
-from mgf_engine.town.clicks import ClickOptions, enclosed
+from mgf_engine.town.clicks import ClickOptions, find_enclosed
 from mgf_engine.town.footprints import read_footprints
 from mgf_engine.town.place import place_footprints
 from mgf_engine.town.plan import make_plan
@@ -204,9 +204,9 @@ def test_points_beside_a_gable_are_enclosed_by_none() -> None:
     places = rng.uniform(0, 100, (600, 2))
     gable = places[places[:, 1] > 2 * np.abs(places[:, 0] - 50)]  # y down, the ridge at (50, 0)
     sky = np.array([[30.0, 20.0], [68.0, 25.0], [20.0, 45.0], [50.0, -15.0]])
-    found = enclosed(np.concatenate([gable, sky]), ClickOptions())
+    found = find_enclosed(np.concatenate([gable, sky]), ClickOptions())
     assert not found[-len(sky) :].any()
     inner = gable[:, 1] > 2 * np.abs(gable[:, 0] - 50) + 30
     inner &= gable[:, 1] < 85
     assert found[: len(gable)][inner].sum() >= 20  # more than the five that are needed
-    assert not enclosed(gable[:2], ClickOptions()).any()
+    assert not find_enclosed(gable[:2], ClickOptions()).any()

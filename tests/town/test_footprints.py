@@ -16,7 +16,7 @@ from benchmarks.synthetic.street import write_footprints
 from mgf_engine.cli import main
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.crs import Projection
+from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.town import plan
 from mgf_engine.town.footprints import read_footprints
 from mgf_engine.town.place import place_footprints, transformed
@@ -107,7 +107,7 @@ def test_footprints_lie_on_the_house_whatever_their_system(crs: str, site: Site,
         assert placed.georeference.crs == CRS and np.abs(corner - true).max() < 0.05
     else:  # in the UTM zone of the photos
         assert placed.georeference.crs == "EPSG:32632"
-        there = Projection("EPSG:32632").project(Projection(CRS).places(true[None]))[0]
+        there = ProjectedCrs("EPSG:32632").project(ProjectedCrs(CRS).places(true[None]))[0]
         assert np.abs(corner - there)[:2].max() < 0.05
 
 

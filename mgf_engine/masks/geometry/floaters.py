@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import View
 
 
@@ -31,7 +31,7 @@ class FloaterOptions:
 
 def sky_behind(
     points: NDArray[np.float64],
-    photos: Iterable[tuple[View, Regions, NDArray[np.int64]]],
+    photos: Iterable[tuple[View, Superpixels, NDArray[np.int64]]],
     options: FloaterOptions = FloaterOptions(),
 ) -> NDArray[np.int64]:
     """Return each pair of a point and a piece of sky that a photo shows at its place, [K, 2].

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.plan_grid import PlanGrid, inside
-from mgf_engine.masks.image_ops import disc, enclosed
+from mgf_engine.masks.geometry.plan_grid import PlanGrid, cells_inside
+from mgf_engine.masks.image_ops import disc, fill_holes
 from mgf_engine.scene.gravity import horizontal_axes
 
 
@@ -65,7 +65,7 @@ class GroundPlan:
         spots = np.zeros(at.max(0) + reach + 3, np.uint8)
         spots[tuple(at.T)] = 1
         # What the walls enclose is filled while the gaps between their points are bridged.
-        wide = enclosed(cv2.dilate(spots, disc(reach)) > 0).astype(np.uint8)
+        wide = fill_holes(cv2.dilate(spots, disc(reach)) > 0).astype(np.uint8)
         _, piece, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(wide, disc(reach)))
         large = stats[:, cv2.CC_STAT_AREA] >= options.piece * stats[1:, cv2.CC_STAT_AREA].max(initial=1)
         large[0] = False
@@ -74,7 +74,7 @@ class GroundPlan:
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Tell which points [N, 3] lie within the plan, at any height, bool [N]."""
         at = self.grid.cells(points)
-        mapped = inside(at, self.area.shape)
+        mapped = cells_inside(at, self.area.shape)
         result = np.zeros(len(points), bool)
         result[mapped] = self.area[tuple(at[mapped].T)]
         return result

@@ -62,7 +62,7 @@ class GroundPlane:
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)
 
 
-def find_ground(
+def find_ground_plane(
     scene: Scene,
     features: PointFeatures,
     outside: NDArray[np.floating],

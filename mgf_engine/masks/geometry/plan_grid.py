@@ -31,6 +31,6 @@ class PlanGrid:
         return np.clip(cells, -_FAR, _FAR).astype(np.int64)
 
 
-def inside(cells: NDArray[np.int64], shape: tuple[int, ...] | NDArray[np.int64]) -> NDArray[np.bool_]:
+def cells_inside(cells: NDArray[np.int64], shape: tuple[int, ...] | NDArray[np.int64]) -> NDArray[np.bool_]:
     """Tell which cells [N, 2] are of a map of a shape, bool [N]."""
     return np.asarray(((cells >= 0) & (cells < shape)).all(1))

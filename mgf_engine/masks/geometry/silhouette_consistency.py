@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.boxes import percentile_box
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
 
@@ -64,7 +64,7 @@ class Silhouette:
     """
 
     view: View
-    regions: Regions
+    regions: Superpixels
     inside: Array
     weight: Array
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.geometry.plan_grid import PlanGrid, inside
+from mgf_engine.masks.geometry.plan_grid import PlanGrid, cells_inside
 from mgf_engine.masks.geometry.point_features import PointFeatures
-from mgf_engine.masks.image_ops import disc, enclosed
+from mgf_engine.masks.image_ops import disc, fill_holes
 from mgf_engine.scene.gravity import horizontal_axes
 
 _FEWEST = 10  # points of a building that has a ground plan
@@ -51,11 +51,11 @@ def find_superstructures(
     reach = round(options.gap * options.side)
     size = np.ceil((high - low) / grid.cell).astype(int) + 1 + 2 * reach
     at = grid.cells(points) + reach
-    mapped, at = inside(at, size), np.clip(at, 0, size - 1)
+    mapped, at = cells_inside(at, size), np.clip(at, 0, size - 1)
     top = np.full(size, -np.inf, np.float32)
     np.maximum.at(top, tuple(at[keep].T), height[keep])
     closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, disc(reach))
-    area = enclosed(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
+    area = fill_holes(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
     floor = float(np.percentile(height[keep], 1))
     tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), disc(reach))
     tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells

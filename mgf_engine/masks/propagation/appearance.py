@@ -170,5 +170,5 @@ def log_ratio(
 def vegetation_probability(features: NDArray[np.floating]) -> NDArray[np.float64]:
     """Rate regions as leaves and grass, green or yellow-green and not smooth; features [N, F] -> 0..1."""
     green, yellow, texture = features[:, 1], features[:, 2], features[:, 3]
-    colour = np.clip((-green - 3) / 6, 0, 1) * np.clip((yellow - 2) / 6, 0, 1)
-    return colour * np.clip((texture - 0.6) / 0.5, 0, 1)
+    color = np.clip((-green - 3) / 6, 0, 1) * np.clip((yellow - 2) / 6, 0, 1)
+    return color * np.clip((texture - 0.6) / 0.5, 0, 1)

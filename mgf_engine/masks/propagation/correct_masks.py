@@ -226,7 +226,7 @@ class MaskCorrection:
         """
         if not ground.is_open_structure(voters, lambda i: building(self.labels[i]), self.graph.threads):
             return False
-        for index, found in self._map(lambda i: ground.find_ground(i, self.labels[i] != BACKGROUND)):
+        for index, found in self._map(lambda i: ground.find_ground_pixels(i, self.labels[i] != BACKGROUND)):
             self.labels[index][found.certain] = BACKGROUND
             self.labels[index][found.possible] = IGNORE
         return True

@@ -11,7 +11,7 @@ from mgf_engine.geometry.boxes import percentile_box
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.random_walker import BuildingProbability
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter
 from mgf_engine.model.scene import Scene
 
@@ -40,7 +40,7 @@ def make_hints(
     scene: Scene,
     index: int,
     clicks: Clicks,
-    regions: Regions,
+    regions: Superpixels,
     probability: BuildingProbability,
     good: NDArray[np.bool_],
 ) -> Hints:

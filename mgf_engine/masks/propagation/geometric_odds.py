@@ -17,14 +17,14 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, ExtentOptions, ViewRegions
 from mgf_engine.masks.geometry.floaters import sky_behind
-from mgf_engine.masks.geometry.ground_plane import GroundPlane, find_ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane, find_ground_plane
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.geometry.silhouette_consistency import Silhouette, silhouette_odds
 from mgf_engine.masks.geometry.superstructures import find_superstructures
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
@@ -169,7 +169,7 @@ class GeometricOdds:
 
         Such a plane is a plinth that the clicks take for a part of the building: no evidence against it.
         """
-        ground = find_ground(self.graph.scene, self.graph.point_features, 1 - points, seed, self.options.ground)
+        ground = find_ground_plane(self.graph.scene, self.graph.point_features, 1 - points, seed, self.options.ground)
         if ground is None or not self._clicks_reject(
             ground.holds(self.graph.scene, self.graph.point_features), prompts
         ):
@@ -309,7 +309,7 @@ class GeometricOdds:
         return negative > positive or negative == positive == 0
 
     def _region_odds(
-        self, place: ViewRegions, regions: Regions, view: View, sure: Array
+        self, place: ViewRegions, regions: Superpixels, view: View, sure: Array
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the log-odds of each region, and whether its ray meets the ground first, [S] each.
 

@@ -19,7 +19,7 @@ from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import vegetation_probability
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions, find_sky
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class LabelGraph:
     def __init__(
         self,
         scene: Scene,
-        regions: Sequence[Regions],
+        regions: Sequence[Superpixels],
         features: PointFeatures,
         threads: int = 1,
         full: Scene | None = None,

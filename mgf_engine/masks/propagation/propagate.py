@@ -37,7 +37,7 @@ from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions
-from mgf_engine.masks.propagation.superpixels import Regions, SuperpixelOptions, cut_regions
+from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, Superpixels, cut_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions
 from mgf_engine.masks.validation.mask_flags import FlagOptions, flag_by_masks, flag_reason, measure_consistency
@@ -93,7 +93,7 @@ class _Propagator:
         self.threads = config.threads or cores()
         self.owner = scene.track_point
         self.views = range(len(scene.views))
-        self.regions: list[Regions] = []
+        self.regions: list[Superpixels] = []
         self.labels: list[NDArray[np.uint8]] = [np.zeros((v.height, v.width), np.uint8) for v in scene.views]
         self.scores = np.zeros(len(scene.views), np.float32)
 

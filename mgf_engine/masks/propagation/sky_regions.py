@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.components import label_components
-from mgf_engine.masks.image_ops import distance, enlarge, grow, masked_mean, shrink
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.image_ops import color_distance, dilate, enlarge, erode, masked_mean
+from mgf_engine.masks.propagation.superpixels import Superpixels
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,9 @@ class SkyOptions:
     gap_step: float = parameter(6.0, "Maximum colour distance from the sky where the skyline continues downwards")
 
 
-def find_sky(regions: Regions, observed: NDArray[np.int64], options: SkyOptions = SkyOptions()) -> NDArray[np.int64]:
+def find_sky(
+    regions: Superpixels, observed: NDArray[np.int64], options: SkyOptions = SkyOptions()
+) -> NDArray[np.int64]:
     """Label the connected piece of sky that each region belongs to, 0 for none, [S].
 
     Args:
@@ -126,14 +128,14 @@ def _like_sky(
         none = np.zeros_like(mask)
         return none, none, none
     above = masked_mean(lab, sure, 2.0 * reach)
-    below = masked_mean(lab, shrink(mask, reach), 2.0 * reach)
+    below = masked_mean(lab, erode(mask, reach), 2.0 * reach)
     known = below.weight > options.least_weight
-    contrast = distance(above.colour, below.colour)
+    contrast = color_distance(above.color, below.color)
     most = np.where(
         known, np.clip(0.4 * contrast, options.skyline_steps[0], step), np.float32(options.skyline_steps[0])
     )
-    like = distance(lab, enlarge(above.colour, mask.shape)) < enlarge(most, mask.shape)
-    near = grow(sky, reach) & (enlarge(above.weight, mask.shape) > options.least_weight)
+    like = color_distance(lab, enlarge(above.color, mask.shape)) < enlarge(most, mask.shape)
+    near = dilate(sky, reach) & (enlarge(above.weight, mask.shape) > options.least_weight)
     clear = near & like & _joined(like & (near | sure), sure)
     # A wall as bright as the sky behind it cannot be told from it: there the regions know better.
     clear &= enlarge(((contrast > least) | ~known).astype(np.float32), mask.shape) > 0.5
@@ -149,7 +151,7 @@ def _joined(mask: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.boo
     return np.asarray(held[pieces], bool)
 
 
-def _even(regions: Regions, sky: NDArray[np.int64], options: SkyOptions) -> NDArray[np.bool_]:
+def _even(regions: Superpixels, sky: NDArray[np.int64], options: SkyOptions) -> NDArray[np.bool_]:
     """Return regions whose colour is what the sky around would have there; a pale roof is not, though no edge parts
     it."""
     result = np.ones(len(sky), bool)
@@ -160,10 +162,10 @@ def _even(regions: Regions, sky: NDArray[np.int64], options: SkyOptions) -> NDAr
         rows = np.flatnonzero(sky == piece)
         if len(rows) < 4 * basis.shape[1]:
             continue
-        colour, weight = regions.features[rows, :3].astype(np.float64), regions.area[rows].astype(np.float64)
+        color, weight = regions.features[rows, :3].astype(np.float64), regions.area[rows].astype(np.float64)
         for _ in range(4):
-            fit = np.linalg.lstsq(basis[rows] * weight[:, None], colour * weight[:, None], rcond=None)[0]
-            away = np.linalg.norm(colour - basis[rows] @ fit, axis=1)
+            fit = np.linalg.lstsq(basis[rows] * weight[:, None], color * weight[:, None], rcond=None)[0]
+            away = np.linalg.norm(color - basis[rows] @ fit, axis=1)
             scale = max(float(np.median(away)), 0.5)
             weight = regions.area[rows] / (1 + (away / (2 * scale)) ** 2)
         result[rows] = away < max(options.gradient_step, options.gradient_spread * scale)
@@ -171,18 +173,18 @@ def _even(regions: Regions, sky: NDArray[np.int64], options: SkyOptions) -> NDAr
 
 
 def _with_rim(
-    regions: Regions, sky: NDArray[np.int64], points: NDArray[np.int64], options: SkyOptions
+    regions: Superpixels, sky: NDArray[np.int64], points: NDArray[np.int64], options: SkyOptions
 ) -> NDArray[np.int64]:
     """Return the pieces grown by regions of the same colour beside them: next to an edge no region is smooth."""
     result = sky.copy()
     a, b = np.concatenate([regions.pairs, regions.pairs[:, ::-1]]).T
-    colour = np.linalg.norm(regions.features[a, :3] - regions.features[b, :3], axis=1)
-    joins = (sky[a] > 0) & (sky[b] == 0) & (colour < options.steps[-1]) & (points[b] == 0)
+    color = np.linalg.norm(regions.features[a, :3] - regions.features[b, :3], axis=1)
+    joins = (sky[a] > 0) & (sky[b] == 0) & (color < options.steps[-1]) & (points[b] == 0)
     result[b[joins]] = sky[a[joins]]
     return result
 
 
-def _pieces(regions: Regions, step: float, options: SkyOptions) -> NDArray[np.int64]:
+def _pieces(regions: Superpixels, step: float, options: SkyOptions) -> NDArray[np.int64]:
     """Label the connected pieces of smooth regions without an edge between them, [S]."""
     smooth = regions.features[:, 3] <= options.smooth
     a, b = regions.pairs.T

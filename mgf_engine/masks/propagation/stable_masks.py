@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.pixels import pixel_at
 
 Mask = NDArray[np.bool_]
@@ -38,7 +38,7 @@ def merge_masks(masks: Sequence[Mask], click_loss: float = PropagationOptions.cl
     return mask
 
 
-def enforce_clicks(mask: Mask, regions: Regions, clicks: Clicks) -> Mask:
+def enforce_clicks(mask: Mask, regions: Superpixels, clicks: Clicks) -> Mask:
     """Add the region of every click on the building that a mask leaves out, remove those of clicks beside it.
 
     Where clicks of both kinds lie in one region, each pixel of it follows the nearer.

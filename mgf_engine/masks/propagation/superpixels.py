@@ -33,8 +33,8 @@ class SuperpixelOptions:
 
 
 @dataclass(frozen=True)
-class Regions:
-    """Regions of one photo; ``S`` regions, ``E`` pairs of neighbours.
+class Superpixels:
+    """Superpixels of one photo; ``S`` regions, ``E`` pairs of neighbours.
 
     Attributes:
         labels: int32 [h, w] on the reduced photo, 0..S-1.
@@ -64,7 +64,7 @@ class Regions:
         return self.labels[pixel_at(self.labels.shape, uv * np.asarray(self.scale, uv.dtype))]
 
 
-def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = SuperpixelOptions()) -> Regions:
+def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = SuperpixelOptions()) -> Superpixels:
     """Return regions of a photo, RGB uint8 [H, W, 3]."""
     h, w = photo.shape[:2]
     factor = min(1.0, options.reduced_side / max(h, w))
@@ -79,7 +79,7 @@ def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = Superpixe
     ys, xs = np.mgrid[0 : size[1], 0 : size[0]].astype(np.float32) + 0.5
     centres = np.stack([np.bincount(flat, c.ravel(), count) / pixels for c in (xs, ys)], 1)
     pairs, border, contrast = _neighbours(labels, lab)
-    return Regions(
+    return Superpixels(
         labels=labels,
         scale=(size[0] / w, size[1] / h),
         features=features,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.image_ops import distance, shrink
+from mgf_engine.masks.image_ops import color_distance, erode
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.sky_silhouette import elevation
 from mgf_engine.model.masks import BACKGROUND
@@ -67,7 +67,7 @@ class ElevationColors:
     A distance of 0 means unknown.
     """
 
-    colour: NDArray[np.float32]
+    color: NDArray[np.float32]
     near: NDArray[np.float32]
 
 
@@ -114,32 +114,32 @@ def _beside(
 ) -> ElevationColors:
     """Return the usual colour of each level in one photo's background."""
     level = _level_of(view, up, options)
-    chosen = (level >= 0) & shrink(labels == BACKGROUND, options.rim)
+    chosen = (level >= 0) & erode(labels == BACKGROUND, options.rim)
     order = np.argsort(level[chosen], kind="stable")
-    colours = _colour(photo)[chosen][order]
+    colors = _color(photo)[chosen][order]
     cuts = np.searchsorted(level[chosen][order], np.arange(options.levels + 1))
     result = ElevationColors(np.zeros((options.levels, 3), np.float32), np.zeros(options.levels, np.float32))
     for row, (start, end) in enumerate(pairwise(cuts)):
         if end - start >= options.least_pixels:
-            here = colours[start:end]
+            here = colors[start:end]
             usual = np.median(here, axis=0)
             near = options.spread * float(np.median(np.linalg.norm(here - usual, axis=1)))
-            result.colour[row], result.near[row] = usual, max(near, options.least)
+            result.color[row], result.near[row] = usual, max(near, options.least)
     return result
 
 
 def _agreed(found: list[ElevationColors], options: FarBackgroundOptions) -> list[ElevationColors]:
     """Return each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has
     none."""
-    colour, near = np.stack([f.colour for f in found]), np.stack([f.near for f in found])
+    color, near = np.stack([f.color for f in found]), np.stack([f.near for f in found])
     good = (near > 0) & (near < options.most)
     enough = good.sum(0) >= options.least_photos
-    usual, spread = _median(colour, good), _median(near, good)
-    good &= np.linalg.norm(colour - usual, axis=2) < options.usual
+    usual, spread = _median(color, good), _median(near, good)
+    good &= np.linalg.norm(color - usual, axis=2) < options.usual
     result = []
     for own, known, has in zip(found, good, near > 0, strict=True):
         width = np.where(has, own.near * known, spread) * enough
-        result.append(ElevationColors(np.where(has[:, None], own.colour, usual), width.astype(np.float32)))
+        result.append(ElevationColors(np.where(has[:, None], own.color, usual), width.astype(np.float32)))
     return result
 
 
@@ -151,7 +151,7 @@ def _median(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.
 
 def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: ElevationColors) -> NDArray[np.bool_]:
     """Return pixels that have the colour of their level, [H, W]."""
-    away = distance(_colour(photo), levels.colour[level])
+    away = color_distance(_color(photo), levels.color[level])
     return np.asarray((level >= 0) & (away < levels.near[level]), bool)
 
 
@@ -160,7 +160,7 @@ def _holds_points(
 ) -> bool:
     """Tell whether the building's own points lie in what looks like background."""
     y, x = pixel_at(alike.shape, points)
-    here = shrink(alike, options.rim)[y, x][level[y, x] >= 0]
+    here = erode(alike, options.rim)[y, x][level[y, x] >= 0]
     return bool(len(here) >= options.enough_points and here.mean() > options.alike_points)
 
 
@@ -171,6 +171,6 @@ def _level_of(view: View, up: NDArray[np.float64], options: FarBackgroundOptions
     return np.maximum(level, -1)
 
 
-def _colour(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _color(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return CIELAB, means of 3 x 3 pixels: without the grain of a photo."""
     return np.asarray(cv2.blur(lab_of(photo), (3, 3)), np.float32)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography, spans_inside
-from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
+from mgf_engine.masks.image_ops import color_distance, enlarge, masked_mean
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.patch_ncc import Patches
 from mgf_engine.model.scene import Scene
@@ -38,7 +38,7 @@ class GroundHomographyOptions:
     best: float = parameter(0.3, "Share of the photos, the best ones, that must agree on average", high=1)
     correlation: float = parameter(0.5, "Minimum normalised cross-correlation of patches", high=1)
     texture: float = parameter(0.5, "Minimum variance of a patch's lightness")
-    colour: float = parameter(12.0, "Maximum colour distance of patches")
+    color: float = parameter(12.0, "Maximum colour distance of patches")
     raised: tuple[float, float, float] = parameter(
         (1.5, 4.0, 9.0), "Parallax of planes above the ground, which must fit worse than the ground", "px"
     )
@@ -129,7 +129,7 @@ class GroundFinder:
         found = list(parallel_map(share, tried, threads))
         return sum(ground for ground, _ in found) > self.options.open_share * sum(total for _, total in found)
 
-    def find_ground(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
+    def find_ground_pixels(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
         """Return the ground in a mask [H, W], and what is near to it and has its colour."""
         certain = self.confirmed_ground(index, mask)
         near = mask & ~certain & _alike_around(self.photos.lab(index), certain, self.options)
@@ -146,11 +146,11 @@ class GroundFinder:
             return result
         patches = Patches(self.photos.lab(index)[box.part], self.options.texture)
         pictures, seen = self._warp(index, others, self.photos.lab, box, self.ground)
-        fits, colours, level = patches.compare(
+        fits, colors, level = patches.compare(
             pictures,
             seen,
             _counting(len(others), self.options),
-            self.options.colour,
+            self.options.color,
             min(self.options.aside, len(others)),
             _counting(self.options.aside, self.options),
         )
@@ -162,7 +162,7 @@ class GroundFinder:
         sure &= raised.max(0) <= level + self.options.better
         sure &= raised[-1] <= level - self.options.distinct
         dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), self.options.spread) > self.options.dense
-        result[box.part] = mask[box.part] & dense & (colours > -self.options.colour)
+        result[box.part] = mask[box.part] & dense & (colors > -self.options.color)
         return self._confirmed(index, _without_specks(result, self.options))
 
     def _others(self, index: int, mask: NDArray[np.bool_], depth: NDArray[np.float64]) -> list[int]:
@@ -233,8 +233,8 @@ def _alike_around(
     # A mean reaches less far than this: what is beyond the part changes nothing.
     top, left = max(0, box.top - 5 * options.reach), max(0, box.left - 5 * options.reach)
     part = slice(top, box.top + box.height + 5 * options.reach), slice(left, box.left + box.width + 5 * options.reach)
-    here, colour = ground[part], _smooth(np.ascontiguousarray(lab[part]))
-    away = distance(colour, enlarge(masked_mean(colour, here, options.reach).colour, here.shape))
+    here, color = ground[part], _smooth(np.ascontiguousarray(lab[part]))
+    away = color_distance(color, enlarge(masked_mean(color, here, options.reach).color, here.shape))
     result[part] = near[part] & (away < np.percentile(away[here], options.usual))
     return result
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.image_ops import grow, shrink
+from mgf_engine.masks.image_ops import dilate, erode
 from mgf_engine.model.masks import BACKGROUND, IGNORE
 from mgf_engine.model.pixels import pixel_at
 
@@ -62,7 +62,7 @@ def find_missing_pixels(
     if not source.any():
         return np.zeros(labels.shape, bool)
     reach = options.gap + 1
-    wide = chosen | (grow(chosen, reach) & ~grow((region > 0) & ~chosen, reach))
+    wide = chosen | (dilate(chosen, reach) & ~dilate((region > 0) & ~chosen, reach))
     distance, (row, column) = distance_transform_edt(~source, return_indices=True)
     smooth = cv2.GaussianBlur(lab, (0, 0), 1.5)
     alike = np.linalg.norm(smooth - smooth[row, column], axis=-1) < options.color
@@ -95,8 +95,8 @@ def find_clicked_regions(
     chosen[region[0]] = False
     chosen[0] = False  # edges
     wanted = chosen[region]
-    others = grow((region > 0) & ~wanted, max(1, options.gap - 1))
-    return np.asarray(grow(wanted, options.gap + 1) & ~others, bool)
+    others = dilate((region > 0) & ~wanted, max(1, options.gap - 1))
+    return np.asarray(dilate(wanted, options.gap + 1) & ~others, bool)
 
 
 def _find_regions(
@@ -104,7 +104,7 @@ def _find_regions(
 ) -> tuple[NDArray, NDArray[np.int64], NDArray[np.bool_]]:
     """Return the region of each pixel (0 at edges), the pixels of each region, and which are mostly in the mask."""
     flat = np.linalg.norm(_gradient(lab), axis=-1) < options.edge
-    count, region = cv2.connectedComponents(shrink(flat, options.gap).astype(np.uint8), connectivity=4)
+    count, region = cv2.connectedComponents(erode(flat, options.gap).astype(np.uint8), connectivity=4)
     size = np.bincount(region.ravel(), minlength=count)
     inside = np.bincount(region[mask], minlength=count)
     return region, size, (inside >= options.building * size) & (size >= options.smallest)
@@ -132,9 +132,9 @@ def _attached(
 ) -> NDArray[np.bool_]:
     """Return connected patches that touch the mask along enough of their outline and reach not too far from it."""
     count, patch = cv2.connectedComponents(patches.astype(np.uint8), connectivity=4)
-    outline = patches & ~shrink(patches, 1)
+    outline = patches & ~erode(patches, 1)
     length = np.bincount(patch[outline], minlength=count)
-    touching = np.bincount(patch[outline & grow(mask, 1)], minlength=count)
+    touching = np.bincount(patch[outline & dilate(mask, 1)], minlength=count)
     farthest = np.zeros(count)
     np.maximum.at(farthest, patch[patches].astype(np.int64), distance[patches])
     kept = (touching >= options.contact * length) & (farthest < options.depth * max(mask.shape))

@@ -63,9 +63,9 @@ class Patches:
             [h, w] each: correlations, where the colours are alike; distances of the colours, negative, -255 where
             nothing is seen; correlations with the ``last`` pictures whatever the colours are: ``count_last`` count.
         """
-        fits, colours, alone = (np.empty(self.lightness.shape, np.float32) for _ in range(3))
-        self._call(labs, seen, self.smooth, most, count, fits, colours, last, count_last, alone)
-        return fits, colours, alone
+        fits, colors, alone = (np.empty(self.lightness.shape, np.float32) for _ in range(3))
+        self._call(labs, seen, self.smooth, most, count, fits, colors, last, count_last, alone)
+        return fits, colors, alone
 
     def _call(
         self,

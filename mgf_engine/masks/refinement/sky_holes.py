@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.image_ops import distance, enlarge, masked_mean
+from mgf_engine.masks.image_ops import color_distance, enlarge, masked_mean
 from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions, find_silhouette, over_horizon
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import View
@@ -123,6 +123,6 @@ def _contrasts(
 ) -> NDArray[np.float64]:
     """Return CIELAB distance between the mean colour of each piece and that of the building around it, [count]."""
     around = masked_mean(lab, body, options.around * max(body.shape))
-    away = distance(lab, enlarge(around.colour, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
+    away = color_distance(lab, enlarge(around.color, body.shape)) * (enlarge(around.weight, body.shape) > 1e-3)
     sums = np.bincount(pieces[gaps], away[gaps], minlength=count)
     return np.asarray(sums / np.maximum(np.bincount(pieces[gaps], minlength=count), 1), np.float64)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
-from mgf_engine.masks.image_ops import distance
+from mgf_engine.masks.image_ops import color_distance
 from mgf_engine.model.scene import View
 
 
@@ -71,7 +71,7 @@ def find_silhouette(
     if not (sure & over).any():
         return SkySilhouette(np.zeros_like(sky), np.zeros_like(sky))
     around, known = _sky_around(lab, sure, options)
-    away = distance(lab, around)
+    away = color_distance(lab, around)
     most = max(options.sky_distance, options.sky_spread * float(np.percentile(away[sure], 95)))
     return SkySilhouette(over & known & (away < most), over & known & (away > 2 * most))
 
@@ -104,13 +104,13 @@ def _sky_around(
     factor = max(options.shrink, max(height, width) // options.reduced_side)
     size = (max(1, width // factor), max(1, height // factor))
     weight = cv2.resize(sure.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    colour = cv2.resize(lab * sure[..., None], size, interpolation=cv2.INTER_AREA)
-    mean, total = np.zeros_like(colour), np.zeros_like(weight)
+    color = cv2.resize(lab * sure[..., None], size, interpolation=cv2.INTER_AREA)
+    mean, total = np.zeros_like(color), np.zeros_like(weight)
     for share in options.widths:
         sigma = max(1.0, share * max(size))
         near = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
         new = (total <= 1e-3) & (near > 1e-3)
-        blurred = cv2.GaussianBlur(colour, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        blurred = cv2.GaussianBlur(color, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
         mean[new] = (blurred / np.maximum(near, 1e-6)[..., None])[new]
         total[new] = near[new]
     wide = cv2.resize(mean, (width, height), interpolation=cv2.INTER_LINEAR)

@@ -87,7 +87,7 @@ class ThinStructures:
         covered = self.hull.cover(view) & ~building(shown)
         shown[covered] = IGNORE
         if ground is not None:
-            found = ground.find_ground(index, covered)
+            found = ground.find_ground_pixels(index, covered)
             shown[covered & near_ground(found.certain, found.reach) & ~found.possible] = BUILDING
             shown[found.certain] = BACKGROUND
         seen = self.outlines[index]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.image_ops import grow, shrink
+from mgf_engine.masks.image_ops import dilate, erode
 from mgf_engine.model.masks import BACKGROUND
 
 
@@ -43,7 +43,7 @@ def find_foreground_leaves(
     hull = np.zeros(labels.shape, np.uint8)
     cv2.fillConvexPoly(hull, cv2.convexHull(_ends(~outside)), 1)
     reach = max(1, round(options.gaps * max(labels.shape)))
-    leaves = shrink(grow(leafy > options.leafy, reach), reach)
+    leaves = erode(dilate(leafy > options.leafy, reach), reach)
     return np.asarray((hull > 0) & leaves & outside, bool)
 
 

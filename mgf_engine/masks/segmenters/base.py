@@ -73,9 +73,11 @@ def agreement(mask: NDArray[np.bool_], hints: Hints) -> float:
 
 def _share(mask: NDArray[np.bool_], points: Points, clicks: Points, pseudo_count: int) -> float:
     weight = len(points) + CLICK_POINTS * len(clicks)
-    return float(inside(mask, points).sum() + CLICK_POINTS * inside(mask, clicks).sum()) / max(weight + pseudo_count, 1)
+    return float(points_on_mask(mask, points).sum() + CLICK_POINTS * points_on_mask(mask, clicks).sum()) / max(
+        weight + pseudo_count, 1
+    )
 
 
-def inside(mask: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:
+def points_on_mask(mask: NDArray[np.bool_], points: Points) -> NDArray[np.bool_]:
     """Find the points [N, 2] that fall on the mask, bool [N]."""
     return mask[pixel_at(mask.shape, points)]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.masks.segmenters.base import Hints, Segment, agreement, inside
+from mgf_engine.masks.segmenters.base import Hints, Segment, agreement, points_on_mask
 from mgf_engine.model.pixels import pixel_at
 
 
@@ -109,7 +109,7 @@ def _fill(
     count, labels, stats, _ = cv2.connectedComponentsWithStats(pieces, connectivity=4)
     evidence = np.zeros(count, np.int64)
     for places, weight in found:
-        rows = places[inside(pieces.astype(bool), places)]
+        rows = places[points_on_mask(pieces.astype(bool), places)]
         np.add.at(evidence, labels[pixel_at(mask.shape, rows)], weight)
     small = (stats[:, cv2.CC_STAT_AREA] < most) & (evidence < enough)
     small[0] = False

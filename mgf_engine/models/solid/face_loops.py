@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 import shapely
 
-from mgf_engine.models.solid.model import ROOF, Array, SolidFace, plane_axes, ring_area
+from mgf_engine.models.solid.model import ROOF, Array, SolidFace, plane_axes, signed_ring_area
 
 Ring = list[int]
 
@@ -40,11 +40,11 @@ def merge_faces(vertices: Array, kind: str, plane: int, rings: list[Ring]) -> It
     axes = plane_axes(total / max(float(np.linalg.norm(total)), 1e-300))
     flat = vertices @ axes.T
     loops = [loop for walk in _walks(edges, flat) for loop in _simple(walk)]
-    outer = [loop for loop in loops if ring_area(flat[loop]) > 0]
+    outer = [loop for loop in loops if signed_ring_area(flat[loop]) > 0]
     holes: dict[int, list[Ring]] = defaultdict(list)
     shapes = [shapely.Polygon(flat[loop]) for loop in outer]
     for loop in loops:
-        if ring_area(flat[loop]) < 0:
+        if signed_ring_area(flat[loop]) < 0:
             inside = shapely.Polygon(flat[loop]).representative_point()
             holds = [k for k, shape in enumerate(shapes) if shape.contains(inside)]
             holes[min(holds, key=lambda k: shapes[k].area)].append(loop)

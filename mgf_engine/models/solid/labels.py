@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from mgf_engine.algorithms import parameter
 from mgf_engine.models.solid.cells import Cells
 from mgf_engine.models.solid.evidence import SolidEvidence
-from mgf_engine.models.solid.model import Array, ring_area
+from mgf_engine.models.solid.model import Array, signed_ring_area
 
 #: Costs of the borders between labels [E] and labels [E].
 Border = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]
@@ -93,7 +93,7 @@ def _volumes(cells: Cells, owner: NDArray[np.int32], evidence: SolidEvidence, sl
     cost = np.zeros((count, len(slopes) + 1))
     cost[:, 0] = np.bincount(cell, inside * cap * square, count)
     nodes = np.array(cells.nodes)
-    total = np.array([ring_area(nodes[ring]) for ring in cells.rings])
+    total = np.array([signed_ring_area(nodes[ring]) for ring in cells.rings])
     beyond = np.maximum(total - np.bincount(cell, minlength=count) * square, 0)  # where the grid ends
     beside = np.bincount(cell, ~inside * cap * square, count) + beyond * cap
     for k, (a, b, c) in enumerate(slopes):

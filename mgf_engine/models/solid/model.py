@@ -90,7 +90,7 @@ def plane_axes(normal: Array) -> Array:
     return np.stack([x, np.cross(normal, x)])
 
 
-def ring_area(ring: Array) -> float:
+def signed_ring_area(ring: Array) -> float:
     """Return the area of a ring [n, 2], negative where it runs clockwise."""
     x, y = (ring - ring[0]).T
     return 0.5 * float(x @ np.roll(y, -1) - np.roll(x, -1) @ y)

@@ -79,7 +79,7 @@ def compile_program(program: str, architecture: int) -> Compiled:
         BadInput: NVRTC cannot be found or does not know the architecture.
         RuntimeError: the source does not compile.
     """
-    nvrtc = library()
+    nvrtc = load_nvrtc()
     if architecture not in nvrtc.architectures:
         raise BadInput(nvrtc.refusal(architecture))
     source = (FOLDER / f"{program}.cu").read_bytes()
@@ -170,7 +170,7 @@ def _load_builtins(path: Path) -> None:
 
 
 @cache
-def library() -> Nvrtc:
+def load_nvrtc() -> Nvrtc:
     """Return NVRTC, loaded once: the first that the driver can run the results of, where there is a driver.
 
     Raises:
@@ -255,7 +255,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--architectures", type=int, nargs="+", default=list(ARCHITECTURES), help="such as 89")
     given = parser.parse_args(arguments)
     try:
-        nvrtc = library()
+        nvrtc = load_nvrtc()
         results = compile_all(given.architectures)
     except (BadInput, RuntimeError) as error:
         print(error, file=sys.stderr)

@@ -60,7 +60,7 @@ def find_gpu() -> Gpu:
             f"The GPU {properties.name} is too old: its compute capability is "
             f"{properties.major}.{properties.minor}, and 7.5 is needed."
         )
-    if architecture not in (nvrtc := compiler.library()).architectures:
+    if architecture not in (nvrtc := compiler.load_nvrtc()).architectures:
         raise BadInput(nvrtc.refusal(architecture))
     _try_torch(properties.name)
     return Gpu(properties.name, architecture, properties.total_memory)
@@ -145,7 +145,7 @@ def cubin(program: str, architecture: int) -> bytes:
     The name holds everything the result depends on: the sources, the options, the architecture and the compiler. A
     cache that cannot be read or written only costs time.
     """
-    nvrtc = compiler.library()
+    nvrtc = compiler.load_nvrtc()
     key = hashlib.sha256(repr((digest(), compiler.options(architecture), nvrtc.version)).encode()).hexdigest()[:20]
     path = cache_folder() / f"{program}-sm{architecture}-{key}.cubin"
     try:

@@ -23,12 +23,12 @@ from mgf_blender.engine.status_label import draw_engine_missing
 from mgf_blender.engine.task import CANCELLED, DONE, FAILED, Step, Task
 
 
-def plan(tmp_path: Path, **more: object) -> install.Plan:
+def plan(tmp_path: Path, **more: object) -> install.InstallPlan:
     values = {
         "target": tmp_path / "environment", "python": Path(sys.executable), "wheel": tmp_path / "mgf_engine-1.whl",
         "constraints": tmp_path / "constraints.txt", "wheel_folder": None, "torch": "cpu",
     }  # fmt: skip
-    return install.Plan(**{**values, **more})
+    return install.InstallPlan(**{**values, **more})
 
 
 @pytest.fixture(autouse=True)

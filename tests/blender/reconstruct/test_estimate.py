@@ -14,7 +14,7 @@ from common.test_options import REPO
 
 from mgf_blender.common import options
 from mgf_blender.reconstruct import estimate as module
-from mgf_blender.reconstruct.estimate import Photos, duration, estimate, photos_of, remember, speed
+from mgf_blender.reconstruct.estimate import PhotoSizes, estimate, format_duration, photos_of, remember, speed
 
 
 @pytest.fixture
@@ -40,31 +40,31 @@ def test_it_is_what_the_engine_says(addon, folder, house, preset):
 
 
 def test_more_work_costs_more(addon, folder):
-    base, more = estimate(addon.options, Photos(20)), estimate(addon.options, Photos(40))
+    base, more = estimate(addon.options, PhotoSizes(20)), estimate(addon.options, PhotoSizes(40))
     assert more.seconds > base.seconds and more.memory > base.memory
     addon.options.preset = "fine"
-    fine = estimate(addon.options, Photos(20))
+    fine = estimate(addon.options, PhotoSizes(20))
     assert fine.seconds > 2 * base.seconds and fine.memory > base.memory
 
 
 def test_small_photos_are_not_enlarged_and_no_more_are_taken_than_wanted(addon, folder):
-    small, large = Photos(40, (480, 320)), Photos(40, (6000, 4000))
+    small, large = PhotoSizes(40, (480, 320)), PhotoSizes(40, (6000, 4000))
     assert estimate(addon.options, small).seconds < 0.8 * estimate(addon.options, large).seconds
     assert estimate(addon.options, small).memory < estimate(addon.options, large).memory
     addon.options.max_photos = 40
-    many = Photos(600, (480, 320))
+    many = PhotoSizes(600, (480, 320))
     assert estimate(addon.options, many) == estimate(addon.options, small)
 
 
 def test_few_photos_train_shorter(addon, folder):
-    seconds = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 80)]
+    seconds = [estimate(addon.options, PhotoSizes(count), factor=1.0).seconds for count in (20, 80)]
     addon.options.iterations = 3000
-    longer = [estimate(addon.options, Photos(count), factor=1.0).seconds for count in (20, 80)]
+    longer = [estimate(addon.options, PhotoSizes(count), factor=1.0).seconds for count in (20, 80)]
     assert seconds[0] < 0.6 * longer[0] and seconds[1] == longer[1]
 
 
 def test_the_photos_of_a_scene(addon, house, folder):
-    assert photos_of(bpy.context.scene) == Photos(1)
+    assert photos_of(bpy.context.scene) == PhotoSizes(1)
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     found = photos_of(bpy.context.scene)
     assert found.count == sum(o.get("mgf_kind") == "Cameras" for o in bpy.data.objects) > 0
@@ -87,9 +87,9 @@ def test_results_of_other_photos_beside_them_are_no_part_of_the_next_job(addon, 
 
 
 def test_what_the_engine_says_of_the_machine_is_kept(addon, folder):
-    usual = estimate(addon.options, Photos(20)).seconds
+    usual = estimate(addon.options, PhotoSizes(20)).seconds
     remember(3.0)
-    assert estimate(addon.options, Photos(20)).seconds == pytest.approx(3 * usual)
+    assert estimate(addon.options, PhotoSizes(20)).seconds == pytest.approx(3 * usual)
     for text in ("{", "{}", '{"factor": "fast"}', '{"factor": 1e9}'):
         (folder / "speed.json").write_text(text)
         assert speed() == 1.0
@@ -108,4 +108,6 @@ def test_a_finished_job_tells_the_speed_unless_it_used_earlier_results(addon, en
 
 
 def test_durations():
-    assert [duration(s) for s in (None, 0.2, 89, 91, 3600, 7500)] == ["", "0 s", "89 s", "2 min", "60 min", "2 h 5 min"]
+    seconds = (None, 0.2, 89, 91, 3600, 7500)
+    texts = ["", "0 s", "89 s", "2 min", "60 min", "2 h 5 min"]
+    assert [format_duration(s) for s in seconds] == texts

@@ -160,7 +160,7 @@ def test_undo_keeps_panel_and_viewport_in_agreement(panel):
         assert shown(obj.data) == kind and drawn_in() == {drawn}
 
 
-def test_a_viewport_in_another_colour_is_left_alone(panel):
+def test_a_viewport_in_another_color_is_left_alone(panel):
     spaces = [a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D"]
     spaces[0].shading.color_type = "RANDOM"
     bpy.ops.mgf.paint_mesh(kind="COLOR")

@@ -163,7 +163,7 @@ def test_box_filter_keeps_the_mean():
     np.testing.assert_allclose(small.mean(), pixels.mean(), atol=1e-6)
 
 
-def test_field_comes_as_coloured_points(tree, house):
+def test_field_comes_as_colored_points(tree, house):
     names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
     rows = np.random.default_rng(2).normal(size=(50, len(names))).astype("<f4")
     head = "ply\nformat binary_little_endian 1.0\nelement vertex 50\n" + "".join(f"property float {n}\n" for n in names)

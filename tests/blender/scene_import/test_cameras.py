@@ -134,7 +134,7 @@ def test_photos_stand_behind_their_cameras(scene, house):
         assert tuple(slot.image.size) == tuple(obj["mgf_size"])
 
 
-def test_points_carry_colour_and_track_length(scene, house):
+def test_points_carry_color_and_track_length(scene, house):
     mesh = import_scene(scene, house.folder).tree.objects("Points")[0].data
     n = len(mesh.vertices)
     color = np.empty(4 * n, np.float32)

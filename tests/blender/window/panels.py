@@ -68,9 +68,9 @@ def main() -> int:
         window.close()
     if args.pictures is not None:
         for name in (*(f"panel-{p}" for p in PANELS), "control-points"):
-            colours = ["-colors", "48" if name.startswith("panel") else "160"]
+            colors = ["-colors", "48" if name.startswith("panel") else "160"]
             target = args.pictures / f"{name}.png"
-            command = ["convert", out / f"{name}.png", "-strip", "-dither", "none", *colours, f"PNG8:{target}"]
+            command = ["convert", out / f"{name}.png", "-strip", "-dither", "none", *colors, f"PNG8:{target}"]
             subprocess.run(command, check=True)
     return 0
 

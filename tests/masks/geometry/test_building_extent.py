@@ -9,7 +9,7 @@ import pytest
 from support.level_camera import camera
 
 from mgf_engine.masks.geometry.building_extent import BuildingExtent, _convex_hull, map_size
-from mgf_engine.masks.geometry.ground_plane import _draws, find_ground
+from mgf_engine.masks.geometry.ground_plane import _draws, find_ground_plane
 from mgf_engine.masks.geometry.point_features import clicked_groups, measure_point_features
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.model.scene import Scene, Similarity, View
@@ -46,7 +46,7 @@ def scene() -> Scene:
 @pytest.fixture(scope="module")
 def extent(scene: Scene) -> BuildingExtent:
     features = measure_point_features(scene)
-    ground = find_ground(scene, features, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    ground = find_ground_plane(scene, features, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
     keep = np.repeat([True, False], [WALL, GROUND])
     return BuildingExtent(scene, features, keep, ground, PointVisibility(scene, features))
 
@@ -66,7 +66,7 @@ def test_up_and_normals(scene: Scene):
 
 def test_ground_is_found_and_holds_its_own_points(scene: Scene):
     features = measure_point_features(scene)
-    ground = find_ground(scene, features, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
+    ground = find_ground_plane(scene, features, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
     assert ground is not None
     assert ground.normal @ [0, 0, 1] > 0.999 and abs(ground.level) < 0.02
     held = ground.holds(scene, features) > 0.5
@@ -74,7 +74,7 @@ def test_ground_is_found_and_holds_its_own_points(scene: Scene):
 
 
 def test_no_ground_without_points_outside(scene: Scene):
-    assert find_ground(scene, measure_point_features(scene), np.zeros(WALL + GROUND), 0) is None
+    assert find_ground_plane(scene, measure_point_features(scene), np.zeros(WALL + GROUND), 0) is None
 
 
 @pytest.mark.parametrize("count", [4, 30, 2000])
@@ -112,7 +112,7 @@ def test_a_ray_that_meets_the_ground_within_the_plan_has_passed_a_wall(scene: Sc
     )  # fmt: skip
     features = measure_point_features(bare)
     keep = np.arange(len(with_ground)) < count
-    ground = find_ground(bare, features, (~keep).astype(float), 0)
+    ground = find_ground_plane(bare, features, (~keep).astype(float), 0)
     assert ground is not None
     place = BuildingExtent(bare, features, keep, ground, PointVisibility(bare, features)).view_regions(1)
     view = bare.views[1]

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from mgf_engine.masks.geometry.floaters import FloaterOptions, sky_behind
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import View
 from tests.support.small_scene import view
 
 SKY, WALL, OPTIONS = 7, 0, FloaterOptions(depth=0.1)
 
 
-def regions(scale: float = 1.0) -> Regions:
+def regions(scale: float = 1.0) -> Superpixels:
     """Superpixels of 200 x 100 px: the sky above, a wall below."""
     labels = np.repeat(np.array([0, 1], np.int32), [round(50 * scale)] * 2)
     empty = np.zeros(0, np.float32)
-    return Regions(
+    return Superpixels(
         np.repeat(labels[:, None], round(200 * scale), 1), (scale, scale), np.zeros((2, 6), np.float32),
         np.array([[100, 25], [100, 75]], np.float32), np.full(2, 0.5, np.float32), np.array([1, 0], np.float32),
         np.array([[0, 1]], np.int32), empty, empty,

@@ -8,7 +8,7 @@ import pytest
 from support.analytic import camera
 from support.small_scene import make_scene, view
 
-from mgf_engine.masks.geometry.ground_plane import GroundPlane, GroundPlaneOptions, find_ground
+from mgf_engine.masks.geometry.ground_plane import GroundPlane, GroundPlaneOptions, find_ground_plane
 from mgf_engine.masks.geometry.point_features import measure_point_features
 from mgf_engine.model.scene import Scene
 
@@ -29,7 +29,7 @@ def scene(points: np.ndarray, camera_height: float) -> Scene:
 
 def ground_of(points: np.ndarray, camera_height: float, options: GroundPlaneOptions = GroundPlaneOptions()):
     made = scene(points, camera_height)
-    return find_ground(made, measure_point_features(made), np.ones(len(points)), 0, options)
+    return find_ground_plane(made, measure_point_features(made), np.ones(len(points)), 0, options)
 
 
 def test_a_lawn_is_the_ground_and_points_on_it_are_rated() -> None:
@@ -37,7 +37,7 @@ def test_a_lawn_is_the_ground_and_points_on_it_are_rated() -> None:
     points = np.concatenate([plane(0.0), wall])
     made = scene(points, 1.6)
     features = measure_point_features(made)
-    found = find_ground(made, features, np.ones(len(points)), 0)
+    found = find_ground_plane(made, features, np.ones(len(points)), 0)
     assert isinstance(found, GroundPlane) and found.normal @ [0, 0, 1.0] > 0.999
     assert np.abs(found.height(np.array([[1.0, 2.0, 0.0], [0, 0, 2.0]])) - [0, 2]).max() < 0.05
 

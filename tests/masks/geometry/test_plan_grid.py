@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.masks.geometry.plan_grid import PlanGrid, inside
+from mgf_engine.masks.geometry.plan_grid import PlanGrid, cells_inside
 from mgf_engine.scene.gravity import horizontal_axes
 
 GRID = PlanGrid(np.eye(3)[:2], np.array([10.0, 20.0]), 0.5)
@@ -23,7 +23,7 @@ def test_what_lies_beyond_all_measure_is_far_outside() -> None:
 
 
 def test_inside_is_the_shape_of_the_map() -> None:
-    assert inside(np.array([[0, 0], [1, 2], [2, 2], [1, 3], [-1, 0]]), (2, 3)).tolist() == [1, 1, 0, 0, 0]
+    assert cells_inside(np.array([[0, 0], [1, 2], [2, 2], [1, 3], [-1, 0]]), (2, 3)).tolist() == [1, 1, 0, 0, 0]
 
 
 @pytest.mark.parametrize("up", [[0, 0, 1], [0, -1, 0], [0.6, 0, 0.8], [1, 0, 0]])

@@ -14,7 +14,7 @@ from mgf_engine.masks.geometry.silhouette_consistency import (
     SilhouetteConsistencyOptions,
     silhouette_odds,
 )
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import View
 
 WIDTH, HEIGHT, BLOCK, COUNT = 120, 90, 6, 12
@@ -34,7 +34,7 @@ def camera(number: int) -> View:
     return View(f"{number}", "", WIDTH, HEIGHT, 130.0, 130.0, 60.0, 45.0, rotation, -rotation @ centre, WIDTH, HEIGHT)
 
 
-def squares() -> Regions:
+def squares() -> Superpixels:
     """Regions of a photo: squares of 6 px."""
     rows, columns = HEIGHT // BLOCK, WIDTH // BLOCK
     labels = np.kron(np.arange(rows * columns).reshape(rows, columns), np.ones((BLOCK, BLOCK))).astype(np.int32)
@@ -42,7 +42,7 @@ def squares() -> Regions:
     centres = (np.stack([x, y], 1) * BLOCK + BLOCK / 2).astype(np.float32)
     area = np.full(rows * columns, 1 / (rows * columns), np.float32)
     nothing = np.zeros((0,), np.float32)
-    return Regions(
+    return Superpixels(
         labels, (1.0, 1.0), np.zeros((len(area), 6), np.float32), centres, area, 0 * area,
         np.zeros((0, 2), np.int32), nothing, nothing,
     )  # fmt: skip

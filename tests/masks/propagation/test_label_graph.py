@@ -16,7 +16,7 @@ from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
-from mgf_engine.masks.propagation.superpixels import Regions
+from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import Scene, Similarity, View
 
 SIDE = 20  # px; every region is a column of SIDE x SIDE pixels
@@ -27,11 +27,11 @@ HOLD = 10.0
 OPTIONS = RandomWalkerOptions()
 
 
-def strip(contrast: Sequence[float], features: Sequence[Sequence[float]] | None = None) -> Regions:
+def strip(contrast: Sequence[float], features: Sequence[Sequence[float]] | None = None) -> Superpixels:
     """A photo of columns in a row, with these colour steps between them."""
     count = len(contrast) + 1
     labels = np.repeat(np.arange(count, dtype=np.int32), SIDE)[None].repeat(SIDE, 0)
-    return Regions(
+    return Superpixels(
         labels=labels,
         scale=(1.0, 1.0),
         features=np.zeros((count, 6), np.float32) if features is None else np.array(features, np.float32),
@@ -45,7 +45,9 @@ def strip(contrast: Sequence[float], features: Sequence[Sequence[float]] | None 
 
 
 def graph_of(
-    photos: Sequence[Regions], tracks: Sequence[Sequence[tuple[int, int]]] = (), pairs: Sequence[tuple[int, int]] = ()
+    photos: Sequence[Superpixels],
+    tracks: Sequence[Sequence[tuple[int, int]]] = (),
+    pairs: Sequence[tuple[int, int]] = (),
 ) -> LabelPropagation:
     """A graph of photos and points.
 
@@ -173,10 +175,10 @@ def test_what_no_click_reaches_stays_unknown() -> None:
 BRICK, LAWN = (45.0, 25.0, 20.0, 0.5, 0.5, 0.5), (60.0, -4.0, 2.0, 2.0, 2.0, 2.0)
 
 
-def test_colour_reaches_a_photo_without_clicks_and_ties() -> None:
+def test_color_reaches_a_photo_without_clicks_and_ties() -> None:
     rng = np.random.default_rng(0)
 
-    def two_materials() -> Regions:
+    def two_materials() -> Superpixels:
         scatter = np.array([1.5, 0.6, 0.6, 0.05, 0.05, 0.05])
         features = [np.array(BRICK if k < 12 else LAWN) + rng.normal(0, scatter) for k in range(24)]
         return strip([1.0] * 11 + [40.0] + [1.0] * 11, features)

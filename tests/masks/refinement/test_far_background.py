@@ -29,8 +29,8 @@ Photo = NDArray[np.uint8]
 def lawn(seed: int) -> Photo:
     """Green that turns into haze towards the horizon, and a pale sky; with grain."""
     down = np.clip((np.arange(HEIGHT) - 40) / 90, 0, 1)[:, None, None]
-    colour = np.array([170, 185, 180.0]) * (1 - down) ** 2 + np.array([70, 95, 50.0]) * (1 - (1 - down) ** 2)
-    photo = np.broadcast_to(np.where(SKY[..., None], (225, 232, 240), colour), (HEIGHT, WIDTH, 3))
+    color = np.array([170, 185, 180.0]) * (1 - down) ** 2 + np.array([70, 95, 50.0]) * (1 - (1 - down) ** 2)
+    photo = np.broadcast_to(np.where(SKY[..., None], (225, 232, 240), color), (HEIGHT, WIDTH, 3))
     grain = np.random.default_rng(seed).normal(0, 3, photo.shape)
     return np.clip(photo + grain, 0, 255).astype(np.uint8)
 

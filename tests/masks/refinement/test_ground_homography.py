@@ -96,7 +96,7 @@ def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
 def test_ground_between_bars_is_found_and_bars_are_not(frame: GroundFinder) -> None:
     _, bars = photograph(VIEWS[MIDDLE], True)
     _, mask = photograph(VIEWS[MIDDLE], False)
-    found = frame.find_ground(MIDDLE, mask)
+    found = frame.find_ground_pixels(MIDDLE, mask)
     between = mask & ~bars
     assert (found.certain & between).sum() > 0.6 * between.sum()
     assert (found.certain & bars).sum() < 0.1 * bars.sum()  # one bar lies on the ground

@@ -15,20 +15,20 @@ from mgf_engine.masks.refinement import lab_photos
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 
 #: RGB -> OpenCV's 8-bit CIELAB: lightness times 2.55, a and b plus 128.
-COLOURS = {(255, 255, 255): (255, 128, 128), (0, 0, 0): (0, 128, 128), (255, 0, 0): (136, 208, 195)}
+COLORS = {(255, 255, 255): (255, 128, 128), (0, 0, 0): (0, 128, 128), (255, 0, 0): (136, 208, 195)}
 
 
 @pytest.fixture
 def photos(tmp_path: Path) -> LabPhotos:
-    views = [replace(view(f"{k}.png", 0), file=f"{k}.png") for k in range(len(COLOURS))]
-    for one, colour in zip(views, COLOURS, strict=True):
-        cv2.imwrite(str(tmp_path / one.file), np.full((4, 6, 3), colour[::-1], np.uint8))
+    views = [replace(view(f"{k}.png", 0), file=f"{k}.png") for k in range(len(COLORS))]
+    for one, color in zip(views, COLORS, strict=True):
+        cv2.imwrite(str(tmp_path / one.file), np.full((4, 6, 3), color[::-1], np.uint8))
     return LabPhotos(replace(make_scene(views, np.zeros((1, 3)), [[]]), folder=tmp_path))
 
 
-@pytest.mark.parametrize("index", range(len(COLOURS)))
-def test_colours_are_converted(photos: LabPhotos, index: int) -> None:
-    wanted = list(COLOURS.values())[index]
+@pytest.mark.parametrize("index", range(len(COLORS)))
+def test_colors_are_converted(photos: LabPhotos, index: int) -> None:
+    wanted = list(COLORS.values())[index]
     assert photos.lab(index).shape == (4, 6, 3) and (photos.lab(index) == wanted).all()
     assert photos.lightness(index).shape == (4, 6) and (photos.lightness(index) == wanted[0]).all()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mgf_engine.masks.image_ops import distance
+from mgf_engine.masks.image_ops import color_distance
 from mgf_engine.masks.refinement.ground_homography import GroundHomographyOptions
 from mgf_engine.masks.refinement.patch_ncc import PATCH, Map, Patches
 
@@ -63,14 +63,14 @@ def test_the_best_are_those_of_the_plain_sums(size: tuple[int, int]) -> None:
     for other, rows in zip(others, seen, strict=True):
         shown = inside(rows, size[1])
         found = np.where(shown, correlation(own[..., 0], other[..., 0]), np.float32(-1))
-        away = distance(smooth(own), smooth(other))
+        away = color_distance(smooth(own), smooth(other))
         expected["alone"].append(found)
         expected["fits"].append(np.where(away < 12, found, np.minimum(found, 0)))
         expected["colours"].append(np.where(shown, -away, np.float32(-255)))
     patches, labs = Patches(own), np.stack(others)
-    fits, colours, alone = patches.compare(labs, seen, 3, 12.0, 3, 2)
+    fits, colors, alone = patches.compare(labs, seen, 3, 12.0, 3, 2)
     np.testing.assert_array_equal(fits, best_of(expected["fits"], 3))
-    np.testing.assert_array_equal(colours, best_of(expected["colours"], 3))
+    np.testing.assert_array_equal(colors, best_of(expected["colours"], 3))
     np.testing.assert_array_equal(alone, best_of(expected["alone"][1:], 2))
     light = patches.correlate(np.ascontiguousarray(labs[..., 0]), seen, 4)
     np.testing.assert_array_equal(light, best_of(expected["alone"], 4))

@@ -134,7 +134,7 @@ def test_ground_that_others_confirm_is_none_of_it_and_what_stands_out_from_it_is
     class LowerHalf:
         """Ground in the lower half of the hull, but for a bar in it; beside the bar a doubtful column."""
 
-        def find_ground(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
+        def find_ground_pixels(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
             certain, possible = mask.copy(), np.zeros_like(mask)
             certain[: (top + low) // 2] = False
             certain[:, 118:122], possible[:, 118] = False, True
