@@ -22,12 +22,15 @@ from mgf_engine.inputs import Inputs, read_inputs
 from mgf_engine.job_folder import (
     FORMAT,
     acquire,
+    another_scene,
     check_folder,
     check_inputs,
     check_no_file,
     check_one_guide,
+    did_nothing,
     make_folder,
     read_job,
+    same_folder,
 )
 from mgf_engine.runs import delivered
 from mgf_engine.scene.validation import ValidationOptions
@@ -116,6 +119,7 @@ class Job:
             most = job.config.algorithm(ValidationOptions).most_unreadable
             job.inputs = read_inputs(job.source, job.prompts, job.masks, folder, tables, most)
             job.keys = stage_keys(job.config, job.inputs)
+            check_moved(folder, job.source, job.inputs)
             sweep(folder)
             job.save()
         except BaseException:
@@ -140,6 +144,10 @@ class Job:
         check_one_guide(prompts, masks)
         if resume and (source is None or (folder / "job.json").exists()):
             earlier = read_job(folder)
+            if source is None and not Path(earlier["source"]).exists():
+                raise BadInput(
+                    f"The scene '{earlier['source']}' of this job does not exist; give the folder that it was moved to."
+                )
             source, stages = source or Path(earlier["source"]), earlier["stages"]
             if prompts is None and masks is None:  # new clicks or masks replace both
                 prompts, masks = _path(earlier["prompts"]), _path(earlier["masks"])
@@ -260,6 +268,27 @@ class Job:
     def adjusts_to_control(self) -> bool:
         """Whether the cameras are adjusted to control points, so that the scene depends on these."""
         return adjusts_to_control(self.config)
+
+
+def check_moved(folder: Path, source: Path, inputs: Inputs) -> None:
+    """Check that a job goes on with its own scene, where that lies in another place than before.
+
+    Args:
+        folder: the job folder.
+        source: the scene that was given.
+        inputs: identity of its files.
+
+    Raises:
+        BadInput: it is another scene.
+    """
+    record = read_job(folder) if (folder / "job.json").exists() else None
+    if record is None or did_nothing(folder) or same_folder(Path(record["source"]), source):
+        return
+    begun = folder / ".started-scene"
+    last = begun.read_text("utf-8", "replace") if begun.exists() else None
+    known = record["stages"].get("scene", {}).get("key", last)
+    if known != stage_keys(make_config(record["given"]), inputs)["scene"]:
+        raise another_scene(folder, Path(record["source"]))
 
 
 def _with_whole_paths(options: dict[str, Any]) -> dict[str, Any]:

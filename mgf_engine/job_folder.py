@@ -185,24 +185,31 @@ def check_one_guide(prompts: Path | None, masks: Path | None) -> None:
 def check_folder(folder: Path, source: Path, resume: bool) -> None:
     """Check that the folder is empty, or holds the job of this scene; a job that did nothing yet counts as empty.
 
+    Where the scene of the job is gone, this one may be it, moved: :func:`mgf_engine.job.check_moved` compares.
+
     Raises:
         BadInput: it is the scene itself, or holds something else; or the job is not to be resumed.
     """
     if same_folder(folder, source):
         raise BadInput("The output folder is the scene itself; give another folder.")
     if (folder / "job.json").exists():
-        if _did_nothing(folder):
+        if did_nothing(folder):
             return
         other = Path(read_job(folder)["source"])
-        if not same_folder(other, source):
-            raise BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
+        if other.exists() and not same_folder(other, source):
+            raise another_scene(folder, other)
         if not resume:
             raise BadInput(f"'{folder}' already holds a job; add --resume to continue it, or give another folder.")
     elif folder.exists() and any(p.name != ".lock" for p in folder.iterdir()):
         raise BadInput(f"The output folder '{folder}' is not empty and holds no job; give an empty or new folder.")
 
 
-def _did_nothing(folder: Path) -> bool:
+def another_scene(folder: Path, other: Path) -> BadInput:
+    """Return the refusal of a folder that holds the job of the scene ``other``."""
+    return BadInput(f"'{folder}' holds the job of another scene ('{other}'); give another folder.")
+
+
+def did_nothing(folder: Path) -> bool:
     """Tell whether the job in the folder was refused before it had done anything: nothing can be lost there."""
     return not read_job(folder)["stages"] and all(p.name in _OF_A_REFUSED_JOB for p in folder.iterdir())
 
@@ -213,7 +220,7 @@ def remove_refused(folder: Path) -> None:
         if not (folder / "job.json").exists():  # refused before it was written
             (folder / ".lock").unlink(missing_ok=True)
             folder.rmdir()
-        elif _did_nothing(folder):
+        elif did_nothing(folder):
             shutil.rmtree(folder)
 
 

@@ -200,6 +200,43 @@ def test_another_path_of_the_same_scene_is_the_same_job(tmp_path: Path, model: P
         Job.start(second_name / "job", tmp_path / "other", resume=True)
 
 
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_scene_that_was_moved_is_the_same_job(tmp_path: Path, model: Path, inside: bool) -> None:
+    place = model if inside else tmp_path
+    with Job.start(place / "job", model, user_options={"resolution": 300}) as job:
+        finish_all(job)
+    moved = model.rename(tmp_path / "moved")
+    folder = (moved if inside else tmp_path) / "job"
+    with pytest.raises(BadInput, match="give the folder that it was moved to"):
+        Job.start(folder, resume=True)
+    with Job.start(folder, moved, user_options={"max_faces": 5}, resume=True) as job:
+        assert (job.source, job.done("scene"), job.done("field"), job.done("mesh")) == (moved, True, True, False)
+    with Job.start(folder, resume=True) as job:
+        assert job.done("scene")
+
+
+def test_an_interrupted_job_finds_its_moved_scene_again(tmp_path: Path, model: Path) -> None:
+    with Job.start(tmp_path / "job", model) as job:
+        job.begin("scene")
+        job.path("scene", "sfm").mkdir(parents=True)
+    with Job.start(tmp_path / "job", model.rename(tmp_path / "moved"), resume=True) as job:
+        job.begin("scene")
+        assert job.path("scene", "sfm").is_dir()
+
+
+def test_another_scene_does_not_take_the_place_of_one_that_is_gone(tmp_path: Path, model: Path) -> None:
+    with Job.start(tmp_path / "job", model) as job:
+        finish_all(job)
+    other = Path(shutil.copytree(model, tmp_path / "other"))
+    (other / "images" / "a.jpg").write_bytes(b"another photo")
+    model.rename(tmp_path / "away")
+    with pytest.raises(BadInput, match="another scene"):
+        Job.start(tmp_path / "job", other, resume=True)
+    (tmp_path / "away").rename(model)
+    with Job.start(tmp_path / "job", resume=True) as job:
+        assert all(job.done(stage) for stage in STAGE_NAMES)
+
+
 @pytest.mark.parametrize("resume", [False, True])
 def test_a_job_that_was_refused_before_it_did_anything_gives_its_folder_to_another_scene(
     tmp_path: Path, model: Path, resume: bool
