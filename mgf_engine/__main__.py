@@ -3,6 +3,18 @@
 
 import sys
 
-from mgf_engine.cli import main
 
-sys.exit(main())
+def main() -> int:
+    """Run the command line; Ctrl-C while it is being loaded is no traceback either."""
+    try:
+        from mgf_engine.cli import main as run
+    except KeyboardInterrupt:
+        from mgf_engine.errors import EXIT_CANCELLED
+
+        print("Cancelled.", file=sys.stderr)
+        return EXIT_CANCELLED
+    return run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -107,8 +107,7 @@ def _job_command(args: argparse.Namespace) -> int:
     log_path: Path | None = None
     new = not args.out.exists()
     try:
-        job = _open_job(args)
-        with job, watch_for_cancel(reporter, args.cancel_on_eof):
+        with watch_for_cancel(reporter, args.cancel_on_eof), _open_job(args) as job:
             log_path = _log_to(job.path("log.txt"))
             for text in renamed_values(_given_options(args)):
                 reporter.warning(text)

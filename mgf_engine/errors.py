@@ -51,6 +51,14 @@ def _full_folder(error: BaseException, place: Path | None) -> Path | None:
     return Path(name).absolute().parent if isinstance(name, str) and name else place
 
 
+def _was_interrupted(error: BaseException) -> bool:
+    """Tell whether Ctrl-C is behind an error: libraries that it meets while they are loaded call themselves broken."""
+    seen: BaseException | None = error
+    while seen is not None and not isinstance(seen, KeyboardInterrupt):
+        seen = seen.__cause__ or seen.__context__
+    return seen is not None
+
+
 def explain(
     error: BaseException, *, resumable: bool = True, again: str = "", place: Path | None = None
 ) -> tuple[int, str]:
@@ -67,6 +75,8 @@ def explain(
         return EXIT_BAD_INPUT, str(error)
     if isinstance(error, Cancelled | KeyboardInterrupt):
         return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."
+    if _was_interrupted(error):
+        return EXIT_CANCELLED, f"Cancelled; {again} to continue."
     if isinstance(error, BrokenPipeError):
         return EXIT_CANCELLED, f"The reader of the progress messages has closed; {again} to continue."
     if is_full_disk(error):

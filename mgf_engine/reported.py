@@ -95,7 +95,8 @@ def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None
 def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
     """Have Ctrl-C and SIGTERM ask the job inside to stop at its next step; a second Ctrl-C stops it at once.
 
-    The caller's own signal handlers come back at the end.
+    The caller's own signal handlers come back at the end. pycolmap, which nearly all commands need, is loaded here: it
+    takes SIGTERM for itself then, to end the process with a stack trace, and has to give it back.
     """
 
     def ask(number: int, frame: object) -> None:
@@ -109,6 +110,9 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
     before = {}
     if threading.current_thread() is threading.main_thread():
         before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        import pycolmap  # noqa: F401
+
+        signal.signal(signal.SIGTERM, ask)
     if on_eof:
         threading.Thread(target=_cancel_on_eof, args=(reporter,), daemon=True).start()
     try:

@@ -53,6 +53,77 @@ def test_ctrl_c_is_answered_at_once(style: str, capfd: pytest.CaptureFixture[str
     assert capfd.readouterr().err.strip().endswith("Cancelled; what was there before is unchanged.")
 
 
+SIGTERM_BESIDE_PYCOLMAP = """
+import argparse, signal
+from mgf_engine.reported import run_reported
+
+def work(reporter):
+    import pycolmap
+    signal.raise_signal(signal.SIGTERM)
+    reporter.check()
+
+raise SystemExit(run_reported(argparse.Namespace(progress="plain", cancel_on_eof=False), work))
+"""
+SIGTERM_AT_THE_START = """
+import signal, sys
+from mgf_engine import cli, job
+
+def start(*args, **more):
+    signal.raise_signal(signal.SIGTERM)
+    return opened(*args, **more)
+
+opened, job.Job.start = job.Job.start, start
+sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+def test_sigterm_cancels_also_where_pycolmap_is_loaded() -> None:
+    """pycolmap takes the signal when it is loaded, and would end the process with a stack of addresses."""
+    done = subprocess.run([sys.executable, "-c", SIGTERM_BESIDE_PYCOLMAP], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (EXIT_CANCELLED, "Cancelled; what was there before is unchanged.\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without asking it")
+def test_sigterm_cancels_a_job_that_is_being_opened(tmp_path: Path) -> None:
+    scene = write_photo_folder(tmp_path / "photos")
+    command = [sys.executable, "-c", SIGTERM_AT_THE_START, "scene", str(scene), "--out", str(tmp_path / "job")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stderr.splitlines()[-1]) == (
+        EXIT_CANCELLED, "Cancelled; run again with --resume to continue.",
+    )  # fmt: skip
+
+
+INTERRUPTED_IMPORT = """
+import runpy, sys
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "mgf_engine.cli":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupting())
+runpy.run_module("mgf_engine", run_name="__main__")
+"""
+
+
+def test_ctrl_c_while_the_command_itself_is_loaded_is_no_traceback() -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED_IMPORT], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (EXIT_CANCELLED, "Cancelled.\n")
+
+
+def test_ctrl_c_that_a_library_takes_for_a_fault_of_its_own_is_a_cancelled_command() -> None:
+    """pycolmap says that it is not installed well when Ctrl-C comes while it is loaded."""
+
+    def work(reporter: Reporter) -> None:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error
+
+    assert run_reported(argparse.Namespace(progress="none", cancel_on_eof=False), work) == EXIT_CANCELLED
+
+
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_command_called_from_python_leaves_its_signal_handlers(fails: bool) -> None:
     """Ctrl-C in a notebook, and SIGTERM to a server, are the caller's again when the command has ended."""
