@@ -45,6 +45,8 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
         slot.display_depth = "BACK" if kind == "MESH" else "FRONT"
     for obj in tree.objects("Mesh"):
         hide(obj, kind != "MESH")  # renders are clear where there is no building
+    for level in tree.objects("LODs"):
+        hide(level)  # the finest lies on the mesh
     clear_view(tree, camera)
     camera[SHOWN_KEY] = kind
 

@@ -182,6 +182,17 @@ def test_one_level_is_shown_and_the_mesh_gives_way(finished):
     assert shown_level(tree) is None and not any(o.hide_get() for o in tree.objects("Mesh"))
 
 
+@pytest.mark.parametrize("kind", ["PHOTO", "RENDER", "ERROR", "MESH"])
+def test_no_level_covers_what_the_camera_shows(finished, kind):
+    """Renders are clear beside the building, where a level would look through; on the mesh it would flicker."""
+    bpy.ops.mgf.make_models()
+    bpy.ops.mgf.import_lods()
+    tree = Tree.find(bpy.context.scene)
+    bpy.context.scene.camera = tree.objects("Renders")[0].parent
+    bpy.ops.mgf.show_in_camera(kind=kind)
+    assert all(o.hide_get() for o in levels_of(tree)) and tree.objects("Mesh")[0].hide_get() == (kind != "MESH")
+
+
 def test_importing_again_leaves_nothing_behind(finished):
     bpy.ops.mgf.make_models()
     bpy.ops.mgf.import_lods()
