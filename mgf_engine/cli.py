@@ -70,13 +70,14 @@ def _run(args: list[str]) -> int:
 
 
 def _bench_command(args: list[str]) -> int:
-    """Run the benchmarks, which are beside the package in a checkout and in no wheel.
+    """Run the benchmarks, which are in no wheel but in a checkout: around the package, or the current folder.
 
     Raises:
-        BadInput: the package is not in a checkout.
+        BadInput: neither is a checkout.
     """
-    checkout = Path(__file__).resolve().parent.parent
-    if not (checkout / "benchmarks" / "run.py").is_file():
+    around = (Path(__file__).resolve().parent.parent, Path.cwd())
+    checkout = next((folder for folder in around if (folder / "benchmarks" / "run.py").is_file()), None)
+    if checkout is None:
         raise BadInput(
             "The benchmarks are not in the installed package; run 'mgf bench' from a checkout of the source code, "
             "where the folder 'benchmarks' stands beside 'mgf_engine'."

@@ -265,6 +265,18 @@ def test_commands_without_a_job_end_in_a_sentence_too(monkeypatch, capsys, error
     assert ("Traceback" in said) == (code == 1)
 
 
+def test_an_installed_package_runs_the_benchmarks_of_the_checkout_that_one_is_in(tmp_path, monkeypatch, capsys) -> None:
+    """As in the tutorial: pip install, then 'mgf bench scenes demo' in the checkout."""
+    monkeypatch.setattr(cli, "__file__", str(tmp_path / "site-packages" / "mgf_engine" / "cli.py"))
+    monkeypatch.chdir(tmp_path)
+    assert main(["bench", "scenes", "--help"]) == 2
+    assert "run 'mgf bench' from a checkout" in capsys.readouterr().err
+    monkeypatch.chdir(Path(__file__).parents[1])
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "scenes", "--help"])
+    assert ended.value.code == 0 and "townhall40" in capsys.readouterr().out
+
+
 def test_a_reader_that_closes_the_pipe_is_no_fault() -> None:
     command = f"{sys.executable} -m mgf_engine options --json | head -c 1"
     run = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=120)
