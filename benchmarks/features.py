@@ -104,8 +104,8 @@ def sfm_model(
     options.ba_refine_principal_point = False
     options.ba_refine_focal_length = refine_focal
     options.num_threads = 2
+    database = _with_one_focal_length(database, camera, lens)
     if any(lens):
-        database = _with_radial_lens(database, camera)
         options.mapper.filter_max_reproj_error = _FILTER
     out = folder / "work/sfm"
     shutil.rmtree(out, ignore_errors=True)
@@ -123,18 +123,23 @@ def sfm_model(
     return best
 
 
-def _with_radial_lens(database: Path, camera: Frame) -> Path:
-    """A copy of the features whose camera has one focal length, k1 and k2: with few points more parameters wander."""
-    copy = database.with_name("radial.db")
+def _with_one_focal_length(database: Path, camera: Frame, lens: Lens) -> Path:
+    """A copy of the features whose camera has one focal length, with a lens also k1 and k2.
+
+    With few points more parameters wander. A second focal length does so even with many: photos on one ring hardly
+    tell a building that is too low from a focal length that is too short across the horizon.
+    """
+    copy = database.with_name("one_focal_length.db")
     shutil.copy(database, copy)
+    model, beyond = ("RADIAL", [0.0, 0.0]) if any(lens) else ("SIMPLE_PINHOLE", [])
     with pycolmap.Database.open(copy) as db:
         known = db.read_all_cameras()[0]
-        radial = pycolmap.Camera(
-            model="RADIAL", width=known.width, height=known.height, params=[camera.fx, camera.cx, camera.cy, 0.0, 0.0],
+        single = pycolmap.Camera(
+            model=model, width=known.width, height=known.height, params=[camera.fx, camera.cx, camera.cy, *beyond],
             camera_id=known.camera_id,
         )  # fmt: skip
-        radial.has_prior_focal_length = known.has_prior_focal_length
-        db.update_camera(radial)
+        single.has_prior_focal_length = known.has_prior_focal_length
+        db.update_camera(single)
     return copy
 
 

@@ -40,6 +40,10 @@ class ValidationOptions:
     most_outliers: float = parameter(0.45, "Maximum share of the photos that are left out as outliers", high=1)
     most_blurred: float = parameter(0.3, "Maximum share of the photos that are left out as blurred", high=1)
     reprojection_error: float = parameter(0.8, "Median reprojection error that a warning is given for", "px")
+    focal_lengths: float = parameter(
+        0.02, "Difference between a camera's two focal lengths that is warned of; pixels of cameras are square",
+        high=1,
+    )  # fmt: skip
     least_photos: int = parameter(5, "Number of photos below which a warning is given")
     largest_angle: float = parameter(25.0, "Angle between neighbouring photos that a warning is given for", "degrees")
     least_points: int = parameter(30, "Number of points that half of the photos see, below which a warning is given")
@@ -264,6 +268,13 @@ def diagnose(scene: Scene, options: ValidationOptions = ValidationOptions()) -> 
         found.append(
             f"The COLMAP model has a reprojection error of {median:.1f} working pixels, and bundle adjustment did "
             "not help; the mesh will be inaccurate. Build the model again with the right camera model."
+        )
+    unequal = float(np.median([max(v.fx, v.fy) / min(v.fx, v.fy) - 1 for v in scene.views]))
+    if unequal > options.focal_lengths:
+        found.append(
+            f"The cameras' focal lengths in x and y differ by {unequal:.1%}, but pixels of cameras are square: "
+            "the mesh will be stretched by as much. Build the COLMAP model again with a camera model of one focal "
+            "length, such as SIMPLE_RADIAL."
         )
     spacing = triangulation_angle(scene)
     if spacing > options.largest_angle or len(scene.views) < options.least_photos:

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import features
 from benchmarks.camera_path import Ring, Shot, plan
-from benchmarks.develop import Frame
+from benchmarks.develop import Frame, Lens
 from benchmarks.features import NoModel, _similarity, sfm_model
 
 FRAME = Frame(96, 64, 80.0, 80.0, 49.0, 31.0)
@@ -35,13 +35,14 @@ def shots() -> list[Shot]:
 
 
 def found_model(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, photos: int, refine_focal: bool = True
+    folder: Path, monkeypatch: pytest.MonkeyPatch, photos: int, refine_focal: bool = True, lens: Lens = LENS
 ) -> tuple[pycolmap.Reconstruction, Path, pycolmap.IncrementalPipelineOptions]:
     """What ``sfm_model`` makes of a mapping that places so many of four photos; the database and options it had."""
     (folder / "work").mkdir()
     camera = pycolmap.Camera(
-        model="OPENCV", width=FRAME.width, height=FRAME.height, params=[*FRAME[2:], 0, 0, 0, 0], camera_id=1
-    )
+        model="OPENCV" if any(lens) else "PINHOLE", width=FRAME.width, height=FRAME.height,
+        params=[*FRAME[2:], *([0.0] * 4 if any(lens) else [])], camera_id=1,
+    )  # fmt: skip
     camera.has_prior_focal_length = True
     with pycolmap.Database.open(folder / "work/features.db") as db:
         db.write_camera(camera, use_camera_id=True)
@@ -60,7 +61,7 @@ def found_model(
         return {0: model}
 
     monkeypatch.setattr(features.pycolmap, "incremental_mapping", mapping)
-    return sfm_model(folder, shots(), FRAME, LENS, refine_focal), *used[0]
+    return sfm_model(folder, shots(), FRAME, lens, refine_focal), *used[0]
 
 
 def test_photos_with_a_lens_are_mapped_with_few_parameters(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +72,17 @@ def test_photos_with_a_lens_are_mapped_with_few_parameters(tmp_path: Path, monke
     with pycolmap.Database.open(tmp_path / "work/features.db") as db:  # which true cameras are triangulated with
         assert db.read_all_cameras()[0].model.name == "OPENCV"
     assert options.ba_refine_focal_length
-    assert used.name == "radial.db" and (tmp_path / "sparse/0/cameras.bin").exists()
+    assert used.name == "one_focal_length.db" and (tmp_path / "sparse/0/cameras.bin").exists()
+
+
+def test_photos_without_a_lens_are_mapped_with_one_focal_length(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, *_ = found_model(tmp_path, monkeypatch, 4, lens=(0.0, 0.0, 0.0, 0.0))
+    (camera,) = model.cameras.values()
+    assert camera.model.name == "SIMPLE_PINHOLE" and list(camera.params) == [80.0, 49.0, 31.0]
+    with pycolmap.Database.open(tmp_path / "work/features.db") as db:
+        assert db.read_all_cameras()[0].model.name == "PINHOLE"
 
 
 def test_a_known_focal_length_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

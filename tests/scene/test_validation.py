@@ -187,3 +187,10 @@ def test_no_point_left_is_refused(source: Path, tmp_path: Path) -> None:
         keep_points(scene, np.zeros(len(scene.points), bool))
     kept = keep_points(replace(scene), np.arange(len(scene.points)) % 2 == 0)
     assert reprojection_errors(kept).max() < 0.1
+
+
+@pytest.mark.parametrize("factor,warned", [(0.94, True), (1.06, True), (1.01, False)])
+def test_unequal_focal_lengths_are_told(factor: float, warned: bool) -> None:
+    views = [view(f"{i}.jpg", float(i), fy=10.0 * factor) for i in range(3)]
+    texts = diagnose(make_scene(views, np.zeros((0, 3)), []))
+    assert any("focal lengths in x and y differ by 6." in text for text in texts) == warned
