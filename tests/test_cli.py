@@ -2,30 +2,17 @@
 """The command line as people and scripts meet it: exit codes, one sentence, nothing half written."""
 
 import errno
-import hashlib
 import json
 import os
-import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
-import trimesh
 
-from benchmarks.synthetic.colmap_scene import reconstruction, write_model
-from mgf_engine import cli, doctor
+from mgf_engine import cli
 from mgf_engine.cli import main
-from mgf_engine.cli_arguments import Parser, make_parser
-from mgf_engine.masks.segmenters import download
-from mgf_engine.masks.segmenters.download import WeightFile
-
-
-def mgf(*args: object, **more: object) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "mgf_engine", *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, **more)  # type: ignore[call-overload]
+from tests.support.command_line import mgf
 
 
 def failed_sentence(run: subprocess.CompletedProcess) -> str:
@@ -155,94 +142,6 @@ def test_an_empty_path_is_not_this_folder(arguments: list[str], capsys) -> None:
     assert "empty; give a path" in capsys.readouterr().err
 
 
-@pytest.fixture
-def triangle(tmp_path: Path) -> str:
-    path = tmp_path / "triangle.ply"
-    trimesh.Trimesh(np.eye(3), [[0, 1, 2]]).export(path)
-    return str(path)
-
-
-@pytest.mark.parametrize(
-    ("args", "part"),
-    [
-        (["--thresholds", "nan"], "larger than 0"),
-        (["--thresholds", "0.1", "inf"], "larger than 0"),
-        (["--samples", "10000000000000"], "at most"),
-        (["--json", "{}"], "Cannot write the figures"),
-        (["--json", __file__ + "/figures.json"], "Cannot write the figures"),
-        (["--picture", "{}"], "Cannot write the picture"),
-        (["--leave-out", "{}/triangle.ply"], "to be scored"),
-        (["--leave-out", "{}/nothing.ply"], "There is no mesh"),
-        (["--scene", "{}"], "There is no COLMAP model"),
-        (["--photo-size", "0"], "--photo-size must be"),
-    ],
-)
-def test_evaluate_refuses_in_one_sentence(tmp_path: Path, triangle: str, capsys, args, part) -> None:
-    filled = [a.format(tmp_path) for a in args]
-    assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", *filled]) == 2
-    said = capsys.readouterr().err
-    assert part in said and said.count("\n") == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["triangle.ply"]
-
-
-def test_evaluate_leaves_a_part_of_the_truth_out(tmp_path: Path, triangle: str, capsys) -> None:
-    far = np.eye(3) + 5
-    trimesh.Trimesh(far, [[0, 1, 2]]).export(tmp_path / "far.ply")
-    trimesh.Trimesh(np.r_[np.eye(3), far], [[0, 1, 2], [3, 4, 5]]).export(tmp_path / "both.ply")
-    command = ["evaluate", triangle, "--truth", str(tmp_path / "both.ply"), "--samples", "1000"]
-    assert main(command) == 0 and " 50.00%" in capsys.readouterr().out
-    assert main([*command, "--leave-out", str(tmp_path / "far.ply")]) == 0
-    assert " 50.00%" not in (said := capsys.readouterr().out) and said.count("100.00%") == 3
-
-
-def test_evaluate_says_what_it_needs(triangle: str, capsys) -> None:
-    for given, part in (
-        ([], "Nothing to compare"),
-        (["--scene", "x", "--picture", "a.png"], "compare with a true mesh"),
-    ):
-        assert main(["evaluate", triangle, *given]) == 2
-        said = capsys.readouterr().err
-        assert part in said and said.count("\n") == 1
-
-
-def test_evaluate_gives_materials_and_evenness(tmp_path: Path, triangle: str, capsys) -> None:
-    (tmp_path / "triangle_materials.json").write_text('["brick", "glass"]', encoding="utf-8")
-    np.save(tmp_path / "triangle_materials.npy", np.array([1], np.int32))
-    scene, figures = tmp_path / "scene", tmp_path / "figures.json"
-    write_model(reconstruction(), scene / "sparse" / "0")
-    assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", "--json", str(figures)]) == 0
-    said = capsys.readouterr().out
-    assert "glass" in said and "brick" not in said and "normals: median 0.0" in said and "plane" not in said
-    assert json.loads(figures.read_text())["materials"]["glass"]["f1"] == [100.0]
-    assert main(["evaluate", triangle, "--scene", str(scene), "--json", str(figures)]) == 0
-    said = capsys.readouterr().out
-    assert "  all 100.0%         0.000            0.0   0.0" in said and "accuracy" not in said
-    (plane,) = json.loads(figures.read_text())["evenness"]["planes"]
-    assert plane["share"] == 1.0 and plane["rms"] < 1e-6
-
-
-def test_evaluate_measures_a_job_in_the_coordinates_of_its_photos(tmp_path: Path) -> None:
-    """Its georeferenced mesh, a thousand times as large, is not in the units of the COLMAP model."""
-    scene, job, figures = tmp_path / "scene", tmp_path / "job", tmp_path / "figures.json"
-    write_model(reconstruction(), scene / "sparse" / "0")
-    (job / "georeferenced").mkdir(parents=True)
-    mesh = trimesh.creation.icosphere(subdivisions=2)
-    mesh.export(job / "mesh.ply")
-    mesh.apply_scale(1000).export(job / "georeferenced" / "mesh.ply")
-    (job / "georeferenced" / "georef.json").write_text('{"offset": [0, 0, 0]}', encoding="utf-8")
-    found = []
-    for mesh_or_job in (job / "mesh.ply", job):
-        assert main(["evaluate", str(mesh_or_job), "--scene", str(scene), "--json", str(figures)]) == 0
-        found.append(json.loads(figures.read_text())["evenness"]["planes"])
-    assert found[0] and found[0] == found[1]
-
-
-def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, triangle: str) -> None:
-    figures = tmp_path / "new" / "figures.json"
-    assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", "--json", str(figures)]) == 0
-    assert json.loads(figures.read_text())["f1"] == [100.0]
-
-
 @pytest.mark.parametrize(
     ("error", "code", "part"),
     [
@@ -302,122 +201,3 @@ def test_closed_streams_are_no_fault(tmp_path: Path, arguments: str) -> None:
 def test_options_are_data_for_other_programs() -> None:
     schema = json.loads(mgf("options", "--json").stdout)
     assert {o["name"] for o in schema["options"]} >= {"preset", "iterations", "use_masks"}
-
-
-def test_doctor_names_versions_and_the_kernel_variant() -> None:
-    run = mgf("doctor")
-    assert run.returncode == 0, run.stdout
-    assert "kernel variant" in run.stdout
-    assert "Everything a job needs is here." in run.stdout
-
-
-def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(doctor, "_installed", lambda module: module not in ("ezdxf", "pxr", "snakemake"))
-    assert main(["doctor", "--weights", str(tmp_path)]) == 0  # a job needs none of them
-    said = " ".join(capsys.readouterr().out.split())
-    pinned = f"pip install -c '{Path(__file__).parents[1] / 'constraints.txt'}'"  # the versions that were tested
-    assert f"drawings, map coordinates need ezdxf: {pinned} 'mgf-engine[survey]'" in said
-    assert f"mgf models, laser scans need usd-core: {pinned} 'mgf-engine[models]'" in said
-    assert f"many buildings need snakemake: {pinned} 'mgf-engine[town]'" in said
-    assert "LPIPS in reports not measured; 'mgf weights --model lpips-alex' fetches" in said
-    monkeypatch.setattr(doctor, "_installed", lambda module: True)
-    files = tuple(WeightFile(n, 3, hashlib.sha256(b"vgg").hexdigest()) for n in ("vgg16.pth", "vgg.pth"))
-    monkeypatch.setitem(download.WEIGHTS, "lpips-vgg", files)
-    for file in files:
-        (tmp_path / file.name).write_bytes(b"vgg")
-    assert main(["doctor", "--weights", str(tmp_path)]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "map coordinates yes mgf models, laser scans yes many buildings yes LPIPS in reports VGG-16" in said
-    (tmp_path / "vgg.pth").write_bytes(b"ggv")
-    assert main(["doctor", "--weights", str(tmp_path)]) == 1
-    assert "Problem: 'vgg.pth' is damaged" in " ".join(capsys.readouterr().out.split()).replace(f"{tmp_path}/", "")
-
-
-def test_doctor_finds_the_pinned_versions_that_a_wheel_carries(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(doctor, "__file__", str(tmp_path / "mgf_engine" / "doctor.py"))
-    assert doctor.install_command("scipy") == "pip install 'scipy'"
-    carried = tmp_path / "mgf_engine" / "constraints.txt"
-    carried.parent.mkdir()
-    carried.write_text("scipy==1.17.1")
-    assert doctor.install_command("scipy") == f"pip install -c '{carried}' 'scipy'"
-
-
-@pytest.mark.parametrize("extra", ["survey", "models", "town"])
-def test_doctor_knows_what_an_extra_brings(extra: str) -> None:
-    project = tomllib.loads((Path(doctor.__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
-    wanted = project["project"]["optional-dependencies"][extra]
-    assert list(doctor.EXTRAS[extra][1].values()) == [text.partition(";")[0].strip() for text in wanted]
-
-
-def test_doctor_names_the_segmenter_and_how_to_get_the_other(tmp_path: Path, monkeypatch, capsys) -> None:
-    assert main(["doctor", "--weights", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert "random walker" in said and "'mgf weights' fetches" in said and "(41 MB, Apache-2.0)" in said
-    files = tuple(WeightFile(n, 3, hashlib.sha256(b"onx").hexdigest()) for n in ("encoder.onnx", "decoder.onnx"))
-    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
-    for file in files:
-        (tmp_path / file.name).write_bytes(b"onx")
-    assert main(["doctor", "--weights", str(tmp_path)]) == 0
-    assert "EfficientSAM (vitt)" in capsys.readouterr().out
-    (tmp_path / "decoder.onnx").write_bytes(b"xno")
-    assert main(["doctor", "--weights", str(tmp_path)]) == 1
-    said = capsys.readouterr().out
-    assert "Problem: " in said and "decoder.onnx' is damaged" in said and "Everything" not in said
-
-
-def test_help_lists_every_option() -> None:
-    text = mgf("reconstruct", "--help").stdout
-    for name in ("--max-gaussians", "--no-screening", "--cancel-on-eof", "--resume"):
-        assert name in text
-
-
-@pytest.mark.parametrize(
-    ("args", "said"),
-    [
-        (["reconstruct", "scene", "--out", "job", "--gaussians", "5"], "'--gaussians'; did you mean --max-gaussians?"),
-        (["town", "scene", "--out", "town", "--footprints=a.gpkg", "--exekutor", "x"], "did you mean --executor?"),
-        (["doctor", "--nothing-like-it"], "'mgf doctor' does not know '--nothing-like-it'; 'mgf doctor --help'"),
-        (["georef", "job", "one", "two"], "'mgf georef' does not know 'one';"),
-    ],
-)
-def test_an_unknown_argument_is_named_with_the_one_that_was_meant(args, said, capsys) -> None:
-    assert main(args) == 2
-    error = capsys.readouterr().err
-    assert said in error and error.startswith("Error: ") and error.count("\n") == 1
-
-
-def test_the_parser_lists_every_argument_that_its_help_shows() -> None:
-    commands = make_parser().commands
-    assert {"reconstruct", "mesh", "models", "georef", "town", "bench"} < set(commands)
-    for name in ("reconstruct", "models", "georef", "estimate"):
-        parser, help = commands[name]
-        shown = set(re.findall(r"(?<![\w-])--[a-z][\w-]*", parser.format_usage() + _flags_in_help(parser)))
-        listed = {flag for action in parser.arguments for flag in action.option_strings if flag.startswith("--")}
-        assert help and listed == shown
-
-
-def _flags_in_help(parser: Parser) -> str:
-    """The beginnings of the lines that stand for an argument, not the sentences beside them."""
-    return "\n".join(
-        re.split(r"\s{2,}", line.strip())[0] for line in parser.format_help().splitlines() if line[:3] == "  -"
-    )
-
-
-@pytest.mark.parametrize(
-    ("args", "said"),
-    [
-        ([], "Error: The following arguments are required: COMMAND; 'mgf --help' lists all."),
-        (["reconstruct", "scene"], "are required: --out; 'mgf reconstruct --help' lists all."),
-        (["town", "scene", "--out", "town", "--cores", "all"], "invalid int value: 'all'"),
-        (
-            ["rekonstruct"],
-            "Error: There is no command 'rekonstruct'; did you mean reconstruct? 'mgf --help' lists all.",
-        ),
-        (["xyzzy"], "no command 'xyzzy'; 'mgf --help' lists all."),
-    ],
-)
-def test_a_mistake_in_the_arguments_is_one_sentence(args, said, capsys) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(args)
-    error = capsys.readouterr().err
-    assert said in error and error.startswith("Error: ") and error.count("\n") == 1

@@ -139,13 +139,18 @@ def find_photos(
             if len(fits) == 1:
                 found[name] = fits[0]
                 missing.remove(name)
-    too_few = len(found) < min(MIN_SFM_PHOTOS, len(names)) or len(missing) > most_missing * len(names)
-    if missing and (doubtful or too_few):
+    if missing and (doubtful or too_many_lost(len(missing), len(names), most_missing)):
         raise BadInput(
             f"{len(missing)} of {len(names)} photos of the COLMAP model are not there (first: '{missing[0]}'); "
             f"put the photos into '{source / 'images'}', or take them out of the model (colmap image_deleter)."
         )
     return [found[name] if name in found else expected / plain_name(name) for name in names]
+
+
+def too_many_lost(lost: int, count: int, largest_share: float) -> bool:
+    """Tell whether too many of ``count`` photos are missing or damaged for the rest to give a whole building: more
+    than a share (0..1), or all but two."""
+    return lost > 0 and (lost > largest_share * count or count - lost < MIN_SFM_PHOTOS)
 
 
 def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[str]]:

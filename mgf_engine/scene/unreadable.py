@@ -9,7 +9,7 @@ from pathlib import Path
 from mgf_engine.errors import BadInput
 from mgf_engine.images import UnreadablePhoto, read_rgb
 from mgf_engine.messages import Reporter
-from mgf_engine.scene.colmap import MIN_SFM_PHOTOS
+from mgf_engine.scene.colmap import too_many_lost
 
 _NAMED = 3  # photos that the warning names
 
@@ -38,7 +38,7 @@ def check_readable(unreadable: Mapping[str, UnreadablePhoto], count: int, larges
         BadInput: too few are left; all are counted, the first is named.
     """
     lost = list(unreadable.values())
-    if not lost or (len(lost) <= largest_share * count and count - len(lost) >= MIN_SFM_PHOTOS):
+    if not too_many_lost(len(lost), count, largest_share):
         return
     if len(lost) == 1:
         raise lost[0]

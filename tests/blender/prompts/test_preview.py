@@ -9,6 +9,7 @@ import time
 import bpy
 import numpy as np
 import pytest
+from jobs import pump_until
 from layouts import draw
 
 from mgf_blender.common import runner
@@ -26,15 +27,9 @@ def state(addon, engine, house):
     return addon
 
 
-def pump(until, seconds: float = 20.0) -> int:
+def pump(until) -> int:
     """Pump until it holds; returns how often."""
-    end, times = time.monotonic() + seconds, 0
-    while not until() and time.monotonic() < end:
-        preview.pump()
-        times += 1
-        time.sleep(0.01)
-    assert until()
-    return times
+    return pump_until(until, preview.pump)
 
 
 def test_button_shows_the_mask_of_the_photo(state):

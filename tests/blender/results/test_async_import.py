@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 import pytest
 import synthetic
+from jobs import pump_until
 
 from mgf_blender.common.meshes import make_mesh, prepare_mesh
 from mgf_blender.reconstruct.start import make_job
@@ -25,12 +26,8 @@ def ready(addon, house):
     return addon
 
 
-def pump(until=lambda: not async_import._imports, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not until() and time.monotonic() < end:
-        async_import.pump()
-        time.sleep(0.002)
-    assert until()
+def pump(until=lambda: not async_import._imports) -> None:
+    pump_until(until, async_import.pump, pause=0.002)
 
 
 def meshes() -> list[bpy.types.Object]:
