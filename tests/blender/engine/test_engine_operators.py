@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from installation import shortened
+from installation import folders, shortened
 from layouts import Recorder
 
 from mgf_blender.common import runner
