@@ -19,6 +19,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact_sheet import write_contact_sheet
 from mgf_engine.masks.elements import add_elements
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells
+from mgf_engine.masks.map_photos import map_photos
 from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.parts import Part, match_elements
 from mgf_engine.masks.points import VoteOptions, choose_voters, vote
@@ -39,13 +40,11 @@ from mgf_engine.masks.validation.mask_flags import measure_consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.pixels import pixel_at
-from mgf_engine.model.scene import Scene, most_pixels
-from mgf_engine.native.parallel import parallel_map, plain_opencv
+from mgf_engine.model.scene import Scene
+from mgf_engine.native.parallel import plain_opencv
 from mgf_engine.system import cores
 
 log = logging.getLogger("mgf")
-
-ELEMENT_BYTES = 90  # per pixel of a photo whose parts are looked for
 
 
 @plain_opencv()
@@ -199,8 +198,7 @@ def _second_level(
         parts = clicks[index].parts if index in clicks else {}
         return add_elements(masks.labels[index], scene.photo(index), parts, sam, options)
 
-    each = ELEMENT_BYTES * most_pixels(scene.views)
-    for with_elements, named in parallel_map(elements, range(len(masks.labels)), threads, each):
+    for _, (with_elements, named) in map_photos(scene, elements, range(len(masks.labels)), threads):
         labels.append(with_elements)
         names.append(named)
         reporter.check()

@@ -55,12 +55,13 @@ def add_elements(
     inside = building(labels)
     if not inside.any():
         return labels, {}
-    segments = segment_by_color(photo, inside, options)
-    named = [(name, _clicked(points, segments, inside, photo, sam, options)) for name, points in sorted(clicks.items())]
-    if sam is not None:
-        found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam, options)]
-    else:
+    if sam is None:
+        segments = segment_by_color(photo, inside, options)
         found = select_segments(photo, inside, segments, options)
+        named = [(name, _clicked_segments(points, segments)) for name, points in sorted(clicks.items())]
+    else:
+        found = [Element((slice(None), slice(None)), mask) for mask in sam_elements(photo, inside, sam, options)]
+        named = [(name, _sam_part(points, photo, inside, sam, options)) for name, points in sorted(clicks.items())]
     result = np.where(inside, BUILDING, labels).astype(np.uint8)
     number = FIRST_ELEMENT
     # Small ones are drawn over the large ones they lie on; named ones over all.
@@ -177,17 +178,19 @@ def sam_elements(
     return kept
 
 
-def _clicked(
-    points: Points, segments: NDArray[np.int32], inside: NDArray[np.bool_], photo: NDArray[np.uint8],
-    sam: EfficientSam | None, options: PartOptions,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Return the element under the user's clicks: the segments they hit, or the model's smallest good answer."""
+def _clicked_segments(points: Points, segments: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return the segments under the user's clicks, bool [H, W]."""
+    hit = segments[pixel_at(segments.shape, points)]
+    return np.isin(segments, hit[hit >= 0])
+
+
+def _sam_part(
+    points: Points, photo: NDArray[np.uint8], inside: NDArray[np.bool_], sam: EfficientSam, options: PartOptions
+) -> NDArray[np.bool_]:
+    """Return the model's answer to the user's clicks that holds most of them, bool [H, W]; no larger than allowed."""
     if not len(points):
         return np.zeros(inside.shape, bool)
     y, x = pixel_at(inside.shape, points)
-    if sam is None:
-        hit = segments[y, x]
-        return np.isin(segments, hit[hit >= 0])
     masks, quality = sam.predict(sam.embed(photo), photo.shape[:2], points, np.full(len(points), POINT))
     best, best_score = np.zeros(inside.shape, bool), -1.0
     for logits, value in zip(masks, quality, strict=True):

@@ -90,7 +90,7 @@ def faces_near_clicks(
         return np.ones(len(mesh.faces), bool)
     first = mesh.vertices[mesh.faces[kept[part]].ravel()]
     near = options.near * float(np.linalg.norm(first.max(0) - first.min(0)))
-    corners = {p: mesh.vertices[np.unique(mesh.faces[part == p])] for p in np.flatnonzero(~kept).tolist()}
+    corners = {p: _corners(mesh, rows) for p, rows in enumerate(_members(part)) if not kept[p]}
     new = first
     while len(new):
         tree = cKDTree(new)
@@ -98,6 +98,17 @@ def faces_near_clicks(
         new = np.concatenate([np.zeros((0, 3)), *(corners.pop(p) for p in joined)])
         kept[joined] = True
     return np.asarray(kept[part], bool)
+
+
+def _members(part: NDArray[np.int32]) -> list[NDArray[np.int64]]:
+    """Return the faces of each part, by the part of each face [F]."""
+    order = np.argsort(part, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(part))[:-1])
+
+
+def _corners(mesh: Mesh, faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the corners of some faces, each once, [N, 3]."""
+    return mesh.vertices[np.unique(mesh.faces[faces])]
 
 
 def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:

@@ -19,11 +19,12 @@ from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.model.scene import View
+from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map
 
 Array = NDArray[np.float64]
 _PIECE = 20_000  # places compared at a time: some 20 MB
+_BYTES_PER_PIXEL, _BYTES_PER_VERTEX = 30, 150  # while a view is drawn
 
 
 @dataclass(frozen=True)
@@ -73,16 +74,21 @@ def see_vertices(
     """
     at, rows = mesh.vertices, np.arange(len(mesh.vertices))
     normals = vertex_normals(mesh)
-    best = np.full((len(at), options.views), -1, np.int32)
-    score = np.zeros((len(at), options.views), np.float32)
-    for number, view in enumerate(views):
+
+    def sizes(view: View) -> Array:
+        """Return how large and how frontally a view shows each vertex, 0 for hidden ones, [N]."""
         uv, depth, inside = view.project_into_frame(at, options.radius + 1)
         column, row = (np.where(inside, uv[:, axis], 0).astype(np.int64) for axis in (0, 1))
         shown = cv2.dilate(render_mesh(mesh, view).depth, np.ones((3, 3), np.uint8))[row, column]
         away = view.centre - at
         cosine = np.einsum("ij,ij->i", away, normals) / np.maximum(np.linalg.norm(away, axis=1), 1e-12)
         seen = inside & (shown > 0) & (depth < shown + options.behind * pixel) & (cosine > options.facing)
-        size = np.where(seen, cosine * pixel * view.fx / np.where(seen, depth, 1.0), 0.0)
+        return np.where(seen, cosine * pixel * view.fx / np.where(seen, depth, 1.0), 0.0)
+
+    best = np.full((len(at), options.views), -1, np.int32)
+    score = np.zeros((len(at), options.views), np.float32)
+    each = _BYTES_PER_PIXEL * most_pixels(views) + _BYTES_PER_VERTEX * len(at)
+    for number, size in enumerate(parallel_map(sizes, views, bytes_each=each)):
         worst = score.argmin(1)
         better = size > score[rows, worst]
         score[rows[better], worst[better]], best[rows[better], worst[better]] = size[better], number

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.geometry.clean import face_areas
+from mgf_engine.geometry.clean import face_areas, vertex_areas
 from mgf_engine.geometry.components import label_components
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.near_planes import Index, NearPlanes, join_ranges, near_planes
@@ -153,7 +153,7 @@ def fill_islands(
 
 def _areas(mesh: Mesh, pixel: Array) -> Array:
     """Return a third of the area of the faces around each vertex, in square ground pixels, [N]."""
-    return np.bincount(mesh.faces.ravel(), np.repeat(face_areas(mesh) / 3, 3), len(pixel)) / pixel**2
+    return np.asarray(vertex_areas(mesh) / pixel**2, np.float64)
 
 
 def _candidates(mesh: Mesh, pixel: Array, planes: Planes, options: PlaneLabelOptions) -> _Candidates:

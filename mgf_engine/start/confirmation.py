@@ -58,11 +58,11 @@ def confirmed_share(
     return count / np.maximum(expected, count)
 
 
-def surface_normals(points: NDArray[np.float64], neighbours: int) -> NDArray[np.float64]:
+def surface_normals(points: NDArray[np.float64], neighbours: int, threads: int = 1) -> NDArray[np.float64]:
     """Compute unit normals of points [N, 3] by principal components of their neighbours, of either sign, [N, 3]."""
     tree, parts = cKDTree(points), [np.zeros((0, 3))]
     for begin in range(0, len(points), _CHUNK):
-        near = tree.query(points[begin : begin + _CHUNK], min(neighbours, len(points)))[1]
+        near = tree.query(points[begin : begin + _CHUNK], min(neighbours, len(points)), workers=threads)[1]
         parts.append(principal_normals(points, near.reshape(len(near), -1)))
     return np.concatenate(parts)
 

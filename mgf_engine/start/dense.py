@@ -96,7 +96,7 @@ def _fuse(
         if len(parts) > _BATCH:
             parts = [VoxelSums.joined(parts)]
     points, seen = VoxelSums.joined(parts).means(options.least_points, options.seen_share)
-    normals = surface_normals(points, options.normal_neighbours)
+    normals = surface_normals(points, options.normal_neighbours, threads)
     share = confirmed_share(views, depths, points, normals, seen, options)
     enough = np.flatnonzero(share >= options.least_share)
     weight = options.weight * np.minimum(share[enough] / options.full_share, 1) ** 2
@@ -107,7 +107,10 @@ def _fuse(
 
 def _towards_views(dense: DensePoints, centres: NDArray[np.float64]) -> DensePoints:
     """Orient the normals towards the mean centre of the views that see each point."""
-    middle = np.array([centres[s].mean(0) for s in dense.seen]).reshape(-1, 3)
+    if not len(dense.points):
+        return dense
+    count = np.array([len(s) for s in dense.seen])
+    middle = np.add.reduceat(centres[np.concatenate(dense.seen)], np.cumsum(count) - count) / count[:, None]
     away = ((middle - dense.points) * dense.normals).sum(1) < 0
     return replace(dense, normals=np.where(away[:, None], -dense.normals, dense.normals))
 
@@ -203,8 +206,11 @@ class VoxelSums:
         members = csr_array((np.ones(len(key), np.uint32), order, np.r_[start, len(key)]), (len(start), len(key)))
         return VoxelSums(key[start], total, count, members @ self.votes)
 
-    def means(self, least: int = 2, seen_share: float = 0.4) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
-        """Return the mean points [N, 3] of voxels with at least ``least`` points, and the views that saw each."""
+    def means(self, least: int, seen_share: float) -> tuple[NDArray[np.float64], list[NDArray[np.int64]]]:
+        """Return the mean points [N, 3] of voxels with at least ``least`` points, and the views that saw each.
+
+        A view saw a mean point if it saw more than ``seen_share`` of the voxel's points.
+        """
         votes = self.votes.sorted_indices()
         row = np.repeat(np.arange(len(self.count)), np.diff(votes.indptr))
         enough = (votes.data > seen_share * self.count[row]) & (self.count[row] >= least)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +74,17 @@ def _contradicted(
         pixel: size of a pixel at the building.
         options: radius, number and median distance of the stereo points that contradict.
     """
+    near = tree.query_ball_point(points, options.contradiction_radius * pixel)
+    count = np.array([len(numbers) for numbers in near])
+    count[count < max(options.contradiction_points, 1)] = 0
+    rows = np.flatnonzero(count)
+    held = np.fromiter(chain.from_iterable(near[rows]), np.int64, int(count.sum()))
+    distance = np.abs(tree.data[held] @ plane[:3] + plane[3])
+    distance = distance[np.lexsort((distance, np.repeat(rows, count[rows])))]  # of each point apart, ascending
+    first = np.cumsum(count[rows]) - count[rows]
+    median = (distance[first + (count[rows] - 1) // 2] + distance[first + count[rows] // 2]) / 2
     result = np.zeros(len(points), bool)
-    for n, near in enumerate(tree.query_ball_point(points, options.contradiction_radius * pixel)):
-        if len(near) >= options.contradiction_points:
-            distance = np.abs(tree.data[near] @ plane[:3] + plane[3])
-            result[n] = np.median(distance) > options.contradiction_distance * pixel
+    result[rows] = median > options.contradiction_distance * pixel
     return result
 
 
@@ -145,9 +152,8 @@ def crease_points(
     low, high, found = points.min(0) - reach, points.max(0) + reach, [np.zeros((0, 3))]
     span = np.arange(-0.5, 0.5, step / np.linalg.norm(high - low)) * np.linalg.norm(high - low)
     for i, first in enumerate(planes.planes):
-        for j in range(i):
+        for j, d in enumerate(np.cross(first[:3], planes.planes[:i, :3])):
             second, one, other = planes.planes[j], trees[i], trees[j]
-            d = np.cross(first[:3], second[:3])
             if np.linalg.norm(d) < options.crease_sine or one is None or other is None:
                 continue
             d = d / np.linalg.norm(d)

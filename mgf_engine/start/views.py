@@ -54,6 +54,11 @@ class StartViews:
         return np.stack([view.centre for view in self.views])
 
     @cached_property
+    def pixels_to_rays(self) -> NDArray[np.float64]:
+        """Matrices that take homogeneous pixels to directions in the normalised frame, [V, 3, 3]."""
+        return np.asarray(np.linalg.inv(self.silhouettes.projections[:, :, :3]), np.float64)
+
+    @cached_property
     def angles(self) -> NDArray[np.float64]:
         """Angles between the views as the middle of the building sees them, degrees [V, V]."""
         away = self.centres - (self.low + self.high) / 2
@@ -117,8 +122,7 @@ def projection(view: View) -> NDArray[np.float64]:
 
 def pixel_rays(views: StartViews, number: NDArray[np.integer], uv: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return unit directions [N, 3] in the normalised frame of pixels [N, 2] of views ``number`` [N]."""
-    inverse = np.stack([np.linalg.inv(p[:, :3]) for p in views.silhouettes.projections])
-    rays = np.einsum("nij,nj->ni", inverse[number], np.c_[uv, np.ones(len(uv))])
+    rays = np.einsum("nij,nj->ni", views.pixels_to_rays[number], np.c_[uv, np.ones(len(uv))])
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 

@@ -42,7 +42,7 @@ def scattered(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_voxels_hold_means_and_the_views_that_saw_enough_of_their_points() -> None:
     points, seen = scattered()
-    mean, views = VoxelSums.of(points, sparse(seen), np.full(3, -2.0), 1.0).means()
+    mean, views = VoxelSums.of(points, sparse(seen), np.full(3, -2.0), 1.0).means(2, 0.4)
     cell = np.floor(points + 2).astype(int)
     expected = {}
     for key in {tuple(c) for c in cell}:
@@ -59,14 +59,14 @@ def test_voxels_of_photos_one_by_one_are_those_of_all_together() -> None:
     points, seen = scattered()
     low = np.full(3, -2.0)
     parts = [VoxelSums.of(points[k::3], sparse(seen[k::3]), low, 1.0) for k in range(3)]
-    mean, views = VoxelSums.joined([parts[0], VoxelSums.joined(parts[1:])]).means()
-    expected_mean, expected_views = VoxelSums.of(points, sparse(seen), low, 1.0).means()
+    mean, views = VoxelSums.joined([parts[0], VoxelSums.joined(parts[1:])]).means(2, 0.4)
+    expected_mean, expected_views = VoxelSums.of(points, sparse(seen), low, 1.0).means(2, 0.4)
     np.testing.assert_allclose(mean, expected_mean)
     assert [v.tolist() for v in views] == [v.tolist() for v in expected_views]
 
 
 def test_no_points_make_no_voxels() -> None:
-    mean, views = VoxelSums.of(np.zeros((0, 3)), csr_array((0, 5), dtype=np.uint32), np.zeros(3), 1.0).means()
+    mean, views = VoxelSums.of(np.zeros((0, 3)), csr_array((0, 5), dtype=np.uint32), np.zeros(3), 1.0).means(2, 0.4)
     assert mean.shape == (0, 3)
     assert views == []
 
@@ -78,7 +78,7 @@ def test_views_that_saw_nothing_take_no_memory() -> None:
     seen = csr_array((np.ones(8 * count, np.uint32), saw), shape=(count, views))
     tracemalloc.start()
     parts = [VoxelSums.of(points, seen, np.full(3, -2.0), 0.02) for _ in range(8)]
-    VoxelSums.joined(parts).means()
+    VoxelSums.joined(parts).means(2, 0.4)
     assert tracemalloc.get_traced_memory()[1] < 0.25 * 8 * 4 * count * views
     tracemalloc.stop()
 

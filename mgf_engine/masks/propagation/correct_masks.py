@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeVar
 
 import cv2
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
+from mgf_engine.masks.map_photos import map_photos
 from mgf_engine.masks.points import observed_pixels
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
@@ -37,27 +38,8 @@ from mgf_engine.masks.refinement.thin_structures import (
 from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
-from mgf_engine.model.scene import Scene, most_pixels
-from mgf_engine.native.parallel import parallel_map
 
 T = TypeVar("T")
-_BYTES_PER_PIXEL = 90  # of a photo that is worked on (measured)
-
-
-def map_photos(scene: Scene, task: Callable[[int], T], indices: Iterable[int], threads: int) -> Iterator[tuple[int, T]]:
-    """Do a task for photos in parallel, as many at a time as memory allows.
-
-    Args:
-        scene: photos.
-        task: view index -> its result.
-        indices: of the views.
-        threads: maximum number of photos at a time.
-
-    Returns:
-        each index and its result, in order.
-    """
-    indices, each = list(indices), _BYTES_PER_PIXEL * most_pixels(scene.views)
-    return zip(indices, parallel_map(task, indices, threads, each), strict=True)
 
 
 class _Pierced(NamedTuple):
@@ -65,6 +47,18 @@ class _Pierced(NamedTuple):
 
     holes: NDArray[np.uint8]
     labels: NDArray[np.uint8]
+
+
+class _Corrected(NamedTuple):
+    """What the correction of one mask leaves for the next steps.
+
+    Attributes:
+        on_surface: observations of the view that lie on the building's surface or behind it, bool [N].
+        pierced: the holes that were cut, and the mask before; None without holes.
+    """
+
+    on_surface: NDArray[np.bool_]
+    pierced: _Pierced | None
 
 
 class MaskCorrection:
@@ -107,13 +101,14 @@ class MaskCorrection:
         Returns:
             clicks (view, row) on thin structures that were drawn; None where there are no such structures.
         """
-        pierced = {}
-        for index, holes in self._map(lambda i: self._correct_view(i, extent, accepted)):
-            if holes is not None:
-                pierced[index] = holes
+        pierced, on_surface = {}, []
+        for index, found in self._map(lambda i: self._correct_view(i, extent, accepted)):
+            on_surface.append(found.on_surface)
+            if found.pierced is not None:
+                pierced[index] = found.pierced
             self.reporter.progress(0.9 + 0.1 * (index + 1) / len(self.scene.views))
         self._close_panes(pierced, extent, accepted, voters)
-        self._fill_ignored(extent, voters)
+        self._fill_ignored(on_surface, voters)
         ground = None if self.plane is None else self._ground_finder(self.plane)
         opened = ground is not None and self._cut_ground(ground, voters)
         thin = self._add_thin_structures(ground, accepted)
@@ -151,13 +146,10 @@ class MaskCorrection:
         ):
             self.reporter.check()
 
-    def _fill_ignored(self, extent: BuildingExtent, voters: Sequence[int]) -> None:
+    def _fill_ignored(self, on_surface: Sequence[NDArray[np.bool_]], voters: Sequence[int]) -> None:
         """Take for building what all masks ignore at the same place of its surface."""
         options = self.config.algorithm(IgnoredSurfaceOptions)
-        pieces = find_ignored_surface(
-            self.graph.full, self.labels, lambda i: extent.within(i, extent.view_regions(i)), voters, self.all_prompts,
-            options,
-        )  # fmt: skip
+        pieces = find_ignored_surface(self.graph.full, self.labels, on_surface, voters, self.all_prompts, options)
         for labels, piece in zip(self.labels, pieces, strict=True):
             labels[piece] = BUILDING
 
@@ -167,7 +159,7 @@ class MaskCorrection:
         extent: BuildingExtent,
         accepted: NDArray[np.bool_],
         panes: NDArray[np.bool_] | None = None,
-    ) -> _Pierced | None:
+    ) -> _Corrected:
         """Correct one mask in place: skyline, sky that shows through, stray pieces, plain regions, leaves.
 
         Args:
@@ -175,9 +167,6 @@ class MaskCorrection:
             extent: of the building in the photos.
             accepted: sparse points on the building, bool [P].
             panes: that mirror sky, bool [H, W], in which no holes are cut.
-
-        Returns:
-            the holes that were cut, and the mask before; None without holes.
         """
         view, place = self.scene.views[index], extent.view_regions(index)
         size = (view.width, view.height)
@@ -203,7 +192,7 @@ class MaskCorrection:
         plants = self._of_regions(index, self.graph.plants)
         leaves = find_foreground_leaves(labels, plants, self.config.algorithm(LeafOptions))
         labels[leaves & ~sky & ~ground] = IGNORE
-        return pierced
+        return _Corrected(extent.within(index, place), pierced)
 
     def _add_thin_structures(self, ground: GroundFinder | None, accepted: NDArray[np.bool_]) -> ThinStructures | None:
         """Add clicked steelwork that the masks miss; outlier clicks count, too: superpixels are too coarse for it."""

@@ -18,10 +18,11 @@ from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
+from mgf_engine.masks.map_photos import map_photos
 from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, observed_pixels, track_votes, vote
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import vegetation_probability
-from mgf_engine.masks.propagation.correct_masks import MaskCorrection, map_photos
+from mgf_engine.masks.propagation.correct_masks import MaskCorrection
 from mgf_engine.masks.propagation.draw_mask import draw_mask, make_hints
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed

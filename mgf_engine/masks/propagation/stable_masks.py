@@ -19,6 +19,7 @@ from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.pixels import pixel_at
 
 Mask = NDArray[np.bool_]
+_CLICK_RADIUS = 1.5  # px around a click that always have its label
 
 
 def first_clicks(clicks: Clicks) -> list[Clicks]:
@@ -45,23 +46,24 @@ def enforce_clicks(mask: Mask, regions: Superpixels, clicks: Clicks) -> Mask:
     """
     size = (mask.shape[1], mask.shape[0])
     labels = cv2.resize(regions.labels, size, interpolation=cv2.INTER_NEAREST)
-    result = mask.copy()
+    result, nearer = mask.copy(), _nearer(mask.shape, clicks)
     for points, value in ((clicks.positive, True), (clicks.negative, False)):
         here = labels[pixel_at(mask.shape, points)]
         for label in np.unique(here[result[pixel_at(mask.shape, points)] != value]):
-            result[(labels == label) & (_nearer(mask.shape, clicks) == value)] = value
+            result[(labels == label) & (nearer == value)] = value
     return set_clicked_pixels(result, clicks)
 
 
-def set_clicked_pixels(mask: Mask, clicks: Clicks, radius: float = 1.5) -> Mask:
+def set_clicked_pixels(mask: Mask, clicks: Clicks) -> Mask:
     """Set the pixels right around the clicks to their label, as the last step, after any change of size."""
-    result = mask.copy()
-    y, x = np.mgrid[0 : mask.shape[0], 0 : mask.shape[1]] + 0.5
-    nearer = _nearer(mask.shape, clicks)
+    result, nearer = mask.copy(), _nearer(mask.shape, clicks)
+    y, x = np.arange(mask.shape[0])[:, None] + 0.5, np.arange(mask.shape[1]) + 0.5
     kinds = ((clicks.positive, True), (clicks.negative, False))
     for points, value in kinds:
         for u, v in points:
-            result[(np.hypot(x - u, y - v) <= radius) & (nearer == value)] = value
+            rows, columns = (slice(max(0, int(c - _CLICK_RADIUS)), int(c + _CLICK_RADIUS) + 1) for c in (v, u))
+            near = np.hypot(x[columns] - u, y[rows] - v) <= _CLICK_RADIUS
+            result[rows, columns][near & (nearer[rows, columns] == value)] = value
     for points, value in kinds:
         result[pixel_at(mask.shape, points)] = value
     return result

@@ -7,7 +7,7 @@ take neither for building nor for background, is ignored by all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -34,7 +34,7 @@ class IgnoredSurfaceOptions:
 def find_ignored_surface(
     scene: Scene,
     labels: LabelMaps,
-    on_surface: Callable[[int], NDArray[np.bool_]],
+    on_surface: Sequence[NDArray[np.bool_]],
     voters: Sequence[int],
     prompts: Prompts,
     options: IgnoredSurfaceOptions = IgnoredSurfaceOptions(),
@@ -44,7 +44,7 @@ def find_ignored_surface(
     Args:
         scene: tracks of the sparse points.
         labels: label maps of all views, uint8 [H, W] each.
-        on_surface: tells which observations of a view lie on the building's surface or behind it, bool [N].
+        on_surface: of each view, which of its observations lie on the building's surface or behind it, bool [N].
         voters: views whose masks are good enough to vote.
         prompts: clicks by view index; a piece with a click beside the building stays ignored.
         options: fewest photos and points.
@@ -60,7 +60,7 @@ def find_ignored_surface(
     for index in voters:
         seen = scene.track_point[scene.observations(index)]
         if points[seen].any():
-            points[seen[~on_surface(index)]] = False
+            points[seen[~on_surface[index]]] = False
     return [
         _pieces(label, observed_pixels(scene, index, points), prompts.get(index, Clicks()).negative, options.points)
         for index, label in enumerate(labels)

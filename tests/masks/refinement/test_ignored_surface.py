@@ -43,16 +43,15 @@ def found(
 ) -> list[int]:
     """How many pixels of each mask are the building."""
 
-    def surface(index: int) -> np.ndarray:
-        return np.full(len(SCENE.observations(index)), on_surface)
-
+    surface = [np.full(len(SCENE.observations(index)), on_surface) for index in range(len(VIEWS))]
     pieces = find_ignored_surface(SCENE, labels, surface, voters, prompts, IgnoredSurfaceOptions(**options))
     return [int(piece.sum()) for piece in pieces]
 
 
 def test_what_all_photos_ignore_at_the_same_place_is_the_building() -> None:
     labels = masks(-0.2)
-    pieces = find_ignored_surface(SCENE, labels, lambda i: np.ones(len(SCENE.observations(i)), bool), range(4), {})
+    surface = [np.ones(len(SCENE.observations(index)), bool) for index in range(len(VIEWS))]
+    pieces = find_ignored_surface(SCENE, labels, surface, range(4), {})
     assert all((piece == (label == IGNORE)).all() for piece, label in zip(pieces, labels, strict=True))
 
 
