@@ -24,7 +24,7 @@ import torch
 
 from benchmarks.arguments import picture_size
 from mgf_engine.errors import BadInput
-from mgf_engine.field.cuda_compare import Training, compare, same_training, too_far
+from mgf_engine.field.cuda_compare import Training, beyond_limits, compare, same_training
 from mgf_engine.field.optimiser import TRAINED
 from mgf_engine.field.synthetic import corner_view
 from mgf_engine.model.gaussians import Gaussians
@@ -171,7 +171,7 @@ def main(arguments: list[str] | None = None) -> int:
     width, height = given.size
     figures: dict[str, Any] = {"gpu": vars(found)}
     figures["differences from the CPU"] = compare(given.gaussians, width, height)
-    failed = too_far(figures["differences from the CPU"])
+    failed = beyond_limits(figures["differences from the CPU"])
     if not given.only_compare:
         started = time.perf_counter()
         usage = [u for p in programs() for u in compiler.compile_program(p, found.architecture).usage]

@@ -56,8 +56,8 @@ def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
     figures = cuda_compare.compare(n, width, height)
     for name, value in figures.items():
         print(f"  {name:<32} {value:.2g}")
-    failed = [f"{name} differs from the CPU's by {figures[name]:.2g}" for name in cuda_compare.too_far(figures)]
-    apart = trained_apart(n, width, height, rounds)
+    failed = [f"{name} differs from the CPU's by {figures[name]:.2g}" for name in cuda_compare.beyond_limits(figures)]
+    apart = compare_trainings(n, width, height, rounds)
     print(f"  {f'training, {rounds} iterations':<32} {apart:.2g}")
     if not apart <= TRAINING_LIMIT:
         text = f"after {rounds} iterations its training differs from the CPU's by {apart:.0%} of what was learned"
@@ -67,7 +67,7 @@ def differences(n: int, width: int, height: int, rounds: int) -> list[str]:
     return failed
 
 
-def trained_apart(n: int, width: int, height: int, rounds: int) -> float:
+def compare_trainings(n: int, width: int, height: int, rounds: int) -> float:
     """Measure the difference of the losses at the end of one training on the GPU and on the CPU, per loss taken off
     there.
 

@@ -40,13 +40,13 @@ class Training:
         )  # fmt: skip
         return seen, total_loss(seen, self.target, LossOptions(), torch.tensor([0.2, 0.5, 0.8]), True, error)
 
-    def iterate(self, wait: bool = False) -> None:
-        seen, terms = self.forward(wait)
+    def iterate(self) -> None:
+        seen, terms = self.forward(wait=False)
         terms.total.backward()
         self.optimiser.step(rates_at(0.5), seen.visible, 0.05)
 
 
-def far(a: Tensor, b: Tensor) -> float:
+def relative_difference(a: Tensor, b: Tensor) -> float:
     """Measure the difference of two tensors, nearly its largest, relative to the largest value of the first."""
     difference = (a.detach().cpu() - b.detach().cpu()).abs().flatten()
     rank = max(1, int(_QUANTILE * len(difference)))
@@ -59,17 +59,17 @@ def compare(n: int, width: int, height: int) -> dict[str, float]:
     sides = [Training(n, width, height, torch.device(name)) for name in ("cpu", "cuda")]
     passes = [side.forward(wait=True) for side in sides]
     for name in OUTPUTS:
-        found[name] = far(getattr(passes[0][0], name), getattr(passes[1][0], name))
+        found[name] = relative_difference(getattr(passes[0][0], name), getattr(passes[1][0], name))
     found["loss"] = abs(float(passes[0][1].total.detach()) / float(passes[1][1].total.detach()) - 1)
     for _, terms in passes:
         terms.total.backward()
     fields = [side.optimiser.field for side in sides]
     for name in TRAINED:
-        found[f"gradient of {name}"] = far(*(getattr(f, name).grad for f in fields))
+        found[f"gradient of {name}"] = relative_difference(*(getattr(f, name).grad for f in fields))
     for _ in range(2):  # the first of its kind still waits, to learn how long the lists get
         unawaited, _ = sides[1].forward(wait=False)
     for name in OUTPUTS:
-        found[f"{name} without waiting"] = far(getattr(passes[0][0], name), getattr(unawaited, name))
+        found[f"{name} without waiting"] = relative_difference(getattr(passes[0][0], name), getattr(unawaited, name))
     sides[1].optimiser.step(rates_at(0.5), passes[1][0].visible, 0.05)  # for compute-sanitizer to look at
     return found
 
@@ -87,7 +87,7 @@ def same_training(n: int, width: int, height: int) -> bool:
     return lost[0] == lost[1] and all(torch.equal(*(getattr(f, name) for f in found)) for name in TRAINED)
 
 
-def too_far(differences: dict[str, float]) -> list[str]:
+def beyond_limits(differences: dict[str, float]) -> list[str]:
     """Return the figures of :func:`compare` that are beyond their limits, or not numbers."""
     limits = {"loss": LOSS_LIMIT}
     return [

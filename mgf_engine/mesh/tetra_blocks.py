@@ -111,16 +111,16 @@ def join_blocks(
     for number in range(len(blocks.members)):
         began(number)
         done = store.load(number)
-        mesh = mesh_of(number) if done is None else uncolored(**done)
+        mesh = mesh_of(number) if done is None else mesh_without_colors(**done)
         if done is None:
             store.save(number, vertices=mesh.vertices, faces=mesh.faces)
         found.append(mesh)
         release_memory()
     offset = np.cumsum([0, *(len(mesh.vertices) for mesh in found[:-1])])
     faces = [mesh.faces + np.int32(first) for mesh, first in zip(found, offset, strict=True)]
-    return uncolored(np.concatenate([mesh.vertices for mesh in found]), np.concatenate(faces))
+    return mesh_without_colors(np.concatenate([mesh.vertices for mesh in found]), np.concatenate(faces))
 
 
-def uncolored(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Mesh:
+def mesh_without_colors(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> Mesh:
     """Return the mesh of vertices [N, 3] and faces [F, 3], all black."""
     return Mesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8))

@@ -53,8 +53,8 @@ def cut_in_blocks(
         began(f"{number} of {len(grid)}")
         done = store.load(number)
         if done is None:
-            part = thinned(evidence, low, high, views.pixel, options)
-            mesh, strength = clipped(*cut_surface(views, part, options, check), low, high)
+            part = thin_evidence(evidence, low, high, views.pixel, options)
+            mesh, strength = clip_to_block(*cut_surface(views, part, options, check), low, high)
             store.save(number, vertices=mesh.vertices, faces=mesh.faces, strength=strength)
         else:
             mesh, strength = Mesh(done["vertices"], done["faces"], _black(done["vertices"])), done["strength"]
@@ -65,7 +65,7 @@ def cut_in_blocks(
     return Mesh(vertices, np.concatenate(faces), _black(vertices)), np.concatenate([strength for _, strength in found])
 
 
-def thinned(evidence: Evidence, low: Array, high: Array, pixel: float, options: CutOptions) -> Evidence:
+def thin_evidence(evidence: Evidence, low: Array, high: Array, pixel: float, options: CutOptions) -> Evidence:
     """Merge the points that lie farther than the margin from a block in cubes of ``options.coarse``.
 
     Args:
@@ -90,7 +90,7 @@ def thinned(evidence: Evidence, low: Array, high: Array, pixel: float, options: 
     )
 
 
-def clipped(mesh: Mesh, strength: NDArray[np.float32], low: Array, high: Array) -> Cut:
+def clip_to_block(mesh: Mesh, strength: NDArray[np.float32], low: Array, high: Array) -> Cut:
     """Clip a mesh to a block; each face keeps its strength [F].
 
     Args:

@@ -53,7 +53,7 @@ def test_iterations_of_the_cuda_sources_train_as_those_in_c(monkeypatch: pytest.
 
 
 def test_differences_beyond_the_limits_are_named() -> None:
-    assert cuda_compare.too_far({"color": 1e-6, "loss": 1.0, "gradient of sh": float("nan")}) == [
+    assert cuda_compare.beyond_limits({"color": 1e-6, "loss": 1.0, "gradient of sh": float("nan")}) == [
         "loss",
         "gradient of sh",
     ]
@@ -80,11 +80,14 @@ def no_gpu_but_its_sources(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_comparison_looks_at_renderings_that_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     rasterizer_on(SOURCE).capacity.restore()
     found = cuda_compare.compare(600, 96, 64)
-    assert cuda_compare.too_far(found) == [] and {"color", "color without waiting", "gradient of sh", "loss"} <= set(
-        found
-    )
+    assert cuda_compare.beyond_limits(found) == [] and {
+        "color",
+        "color without waiting",
+        "gradient of sh",
+        "loss",
+    } <= set(found)
     monkeypatch.setattr(rasterizer_on(SOURCE).capacity, "take", lambda gaussians, tiles: 3)  # draws nothing
-    assert "color without waiting" in cuda_compare.too_far(cuda_compare.compare(600, 96, 64))
+    assert "color without waiting" in cuda_compare.beyond_limits(cuda_compare.compare(600, 96, 64))
 
 
 @pytest.mark.usefixtures("no_gpu_but_its_sources")

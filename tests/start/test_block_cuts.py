@@ -18,7 +18,7 @@ from mgf_engine.geometry.clean import face_areas
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.start import block_cuts
-from mgf_engine.start.block_cuts import clipped, thinned
+from mgf_engine.start.block_cuts import clip_to_block, thin_evidence
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions, StartOptions
 from mgf_engine.start.surface import StartSurface, start_surface
@@ -116,7 +116,7 @@ def test_points_beyond_the_margin_are_merged_and_keep_their_views() -> None:
     points = np.array([[0.5, 0, 0], [1.05, 0, 0], [3.0, 0, 0], [3.01, 0, 0], [9.0, 0, 0]])
     evidence = Evidence(points, [np.array([k]) for k in range(5)], np.arange(5.0), np.eye(5, dtype=bool), np.ones(5))
     low, high = np.full(3, -np.inf), np.array([1.0, np.inf, np.inf])
-    found = thinned(evidence, low, high, 0.01, replace(CutOptions(), margin=10.0, coarse=20.0))
+    found = thin_evidence(evidence, low, high, 0.01, replace(CutOptions(), margin=10.0, coarse=20.0))
     assert np.array_equal(found.points[:, 0], [0.5, 1.05, 3.0, 9.0])
     assert [s.tolist() for s in found.seen] == [[0], [1], [2, 3], [4]]
     assert found.weight.tolist() == [0, 1, 3, 4] and found.on_planes.shape == (4, 5)
@@ -127,7 +127,7 @@ def test_faces_are_cut_at_the_block_and_keep_their_strength() -> None:
                   np.zeros((4, 3), np.uint8))  # fmt: skip
     strength = np.array([0.25, 0.75], np.float32)
     low, high = np.array([-np.inf] * 3), np.array([0.5, np.inf, np.inf])
-    mesh, kept = clipped(square, strength, low, high)
+    mesh, kept = clip_to_block(square, strength, low, high)
     areas = face_areas(mesh)
     assert areas.sum() == pytest.approx(0.5) and mesh.vertices[:, 0].max() == 0.5
     assert areas[kept == 0.25].sum() == pytest.approx(0.5 * 0.5 * 0.25)
