@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 CRS, ORIGIN = "EPSG:25832", np.array([691_200.0, 5_334_800.0, 500.0])
 CONTROL, CHECK = 5, 3
 MIN_VIEWS = 5  # photos that see a point
-METHODS = {"GPS": {}, "laid onto control points": {"control_adjust": "off"}, "cameras adjusted": {}}
+METHODS = {"GPS": {}, "aligned to control points": {"control_adjust": "off"}, "cameras adjusted": {}}
 
 
 @dataclass(frozen=True)

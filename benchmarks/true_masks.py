@@ -20,7 +20,7 @@ def few_labels(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Number a photo's elements from 2 without gaps; where there are too many, the smallest become plain building.
 
     Args:
-        labels: [H, W]; 0 background, 1 building, 2..254 elements, 255 unknown.
+        labels: [H, W]; 0 background, 1 building, 2..254 elements, 255 ignored.
     """
     values, counts = np.unique(labels[(labels > BUILDING) & (labels != IGNORE)], return_counts=True)
     largest = np.sort(values[np.argsort(-counts, kind="stable")][: FIRST_GREY - BUILDING - 1])

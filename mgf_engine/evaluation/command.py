@@ -84,7 +84,7 @@ def _measure(args: argparse.Namespace) -> dict[str, Any]:
     mesh, figures = _read_mesh(args.mesh, georeferenced=args.scene is None), dict[str, Any]()
     if args.truth is not None:
         scores = _compare(args, mesh)
-        print(table(scores))
+        print(format_scores(scores))
         figures |= scores.as_dict()
     if args.scene is not None:
         evenness = measure_evenness(mesh, colmap_pixel(args.scene, args.photo_size))
@@ -174,7 +174,7 @@ def _compare_with_scan(args: argparse.Namespace, mesh: Surface) -> dict[str, Any
     return {**scores.as_dict(), "origin": origin.tolist()}
 
 
-def table(scores: GeometryScores) -> str:
+def format_scores(scores: GeometryScores) -> str:
     """Return the scores as people read them."""
     rows = ["threshold  accuracy  completeness      F1"]
     for row in zip(scores.thresholds, scores.accuracy, scores.completeness, scores.f1, strict=True):

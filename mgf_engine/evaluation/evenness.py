@@ -29,7 +29,7 @@ class EvennessOptions:
         planes: maximum number of planes.
         least_share: share of all points below which no further plane is looked for.
         reach: distance from a plane within which a point lies in it, ground pixels.
-        near: distance within which the three points lie that half of the planes are laid through, ground pixels.
+        near: distance, ground pixels, within which the three points lie that define half of the tried planes.
         tries: number of planes that are tried.
         tried_on: number of points they are tried on.
         fitted: number of the best ones that are fitted.

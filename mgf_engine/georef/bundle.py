@@ -161,7 +161,7 @@ def _in_a_process(
         if code != 0:
             reporter.warning(
                 f"The bundle adjustment with control points ended with code {code}; the cameras stay as "
-                "they are, and the scene is only laid onto the points."
+                "they are, and the scene is only aligned to the points."
             )
             return None
         return read_result(folder / RESULT, task.model)

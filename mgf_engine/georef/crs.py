@@ -39,7 +39,7 @@ def proj() -> Any:
     return pyproj
 
 
-def enu(places: Array, origin: Array) -> Array:
+def to_enu(places: Array, origin: Array) -> Array:
     """Convert latitude, longitude, height [N, 3] to metres east, north and up of the origin [3] on WGS 84, [N, 3]."""
     transform = pycolmap.GPSTransform(pycolmap.GPSTransformEllipsoid.WGS84)
     return np.asarray(transform.ellipsoid_to_enu(places, *origin.tolist()))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import Control, Mark, Point
-from mgf_engine.georef.crs import ProjectedCrs, enu
+from mgf_engine.georef.crs import ProjectedCrs, to_enu
 from mgf_engine.georef.options import MarkOptions
 from mgf_engine.georef.triangulate import TriangulatedPoint, outlier_limits, project_point
 from mgf_engine.model.scene import Scene
@@ -109,7 +109,7 @@ def _distance(at: Array, projection: ProjectedCrs, photos: Array) -> float:
     if not np.isfinite(middle).all():
         return float("inf")
     seen = np.median(photos, axis=0) * (1, 1, 0)
-    return float(np.linalg.norm(enu((middle * (1, 1, 0))[None], seen)[0]))
+    return float(np.linalg.norm(to_enu((middle * (1, 1, 0))[None], seen)[0]))
 
 
 def check_marks(scene: Scene, control: Control) -> None:

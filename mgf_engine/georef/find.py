@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.bars import BarRow, measure_bars, read_bars
 from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, read_marks
-from mgf_engine.georef.crs import AUTO, ProjectedCrs, enu
+from mgf_engine.georef.crs import AUTO, ProjectedCrs, to_enu
 from mgf_engine.georef.doubts import check_marks, check_points, wrong_marks
 from mgf_engine.georef.fit_control import ControlFit, fit_control
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS, GpsFit, fit_gps
@@ -41,7 +41,7 @@ class GeoreferenceFit:
         control: the fit to control points, or None.
         placed: marked points in the normalised frame, by name.
         bars: the scale bars.
-        gps: cameras laid onto their GPS, or None; ``gps_views`` are their indices.
+        gps: cameras aligned to their GPS positions, or None; ``gps_views`` are their indices.
         up: up by cameras, tags or walls.
         notes: sentences for the log and the report.
     """
@@ -215,7 +215,7 @@ def _by_gps(
     middle = np.median(known, axis=0) * (1, 1, 0)
     if projection is None:
         middle = np.round(middle, 6)
-        targets, offset = enu(known, middle), middle
+        targets, offset = to_enu(known, middle), middle
     else:
         targets = projection.project(known)
         if not projection.covers(targets):
@@ -242,7 +242,7 @@ def _gps_fit(
     Args:
         scene: of the job.
         places: GPS of each photo, None without.
-        fit: cameras laid onto it.
+        fit: cameras aligned to it.
         offset: origin of the fit's metres: in the projection, or latitude, longitude and height without one.
         projection: None for a local frame.
         up: direction up in the scene.

@@ -48,7 +48,7 @@ class ControlRow:
 
 @dataclass(frozen=True)
 class ControlFit:
-    """The scene laid onto control points: similarity [4, 4] (normalised frame -> world less ``offset``), and rows."""
+    """The scene aligned to control points: similarity [4, 4] (normalised frame -> world less ``offset``), and rows."""
 
     matrix: Array
     offset: Array

@@ -18,7 +18,7 @@ MIN_GPS_POSITIONS = 4  # positions: three give a similarity, the fourth checks i
 
 @dataclass(frozen=True)
 class GpsFit:
-    """Cameras laid onto their GPS.
+    """Cameras aligned to their GPS positions.
 
     Attributes:
         matrix: similarity [4, 4] to metres.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CONTROL, Control, Point, read_marks, read_points
-from mgf_engine.georef.crs import ProjectedCrs, enu
+from mgf_engine.georef.crs import ProjectedCrs, to_enu
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
@@ -127,7 +127,7 @@ def _by_georeference(at: Array, georeference: Georeference, crs: str) -> Array |
         return georeference.from_world(ProjectedCrs(georeference.crs).project(places))
     if georeference.origin is None:
         return None
-    return georeference.scene(enu(places, np.array(georeference.origin)))
+    return georeference.scene(to_enu(places, np.array(georeference.origin)))
 
 
 def _entry(

@@ -7,7 +7,7 @@ directly in the folder. What the pixels mean:
 * transparency that varies: building where opaque by half or more;
 * colour (or palette): building where not black;
 * grey with two values: building at the larger one; 8 or 16 bit;
-* grey label maps as this program writes them (0 outside, 1 building, 2 and up elements, 255 unknown; 1 present and
+* grey label maps as this program writes them (0 outside, 1 building, 2 and up elements, 255 ignored; 1 present and
   no other value from 64 to 254): as they are;
 * any other grey (soft edges): building from half of the largest value up.
 """

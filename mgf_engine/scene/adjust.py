@@ -3,7 +3,7 @@
 
 A COLMAP model that was edited, exported half done or given another lens contradicts itself: its points do not project
 to where its photos saw them. What the photos saw is still there, so COLMAP's bundle adjustment finds poses, focal
-lengths and points anew, which are laid onto the old ones. A model that agrees with itself is never touched, nor one
+lengths and points anew, which are aligned to the old ones. A model that agrees with itself is never touched, nor one
 that adjusting hardly improves.
 """
 

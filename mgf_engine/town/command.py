@@ -55,7 +55,7 @@ def buildings_command(args: argparse.Namespace, user_options: dict[str, Any]) ->
     """Make the plan, write it, and say what was found."""
     with town_folder(args.out, args.scene):
         plan = plan_town(args, user_options, Reporter(make_sink("auto")))
-    print(table(plan))
+    print(format_plan(plan))
     rows = [row for row in read_plan(args.out)["buildings"] if (args.out / BUILDINGS / row["id"] / ONE).is_file()]
     if rows:
         print(time_and_memory(rows))
@@ -103,7 +103,7 @@ def _say(text: str) -> None:
         print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
 
-def table(plan: Plan) -> str:
+def format_plan(plan: Plan) -> str:
     """Return the plan as people read it, what is doubtful below."""
     metre = plan.placed.metre
     head = f"{'building':<20}{'state':<18}{'height':>8}{'area':>9}{'photos':>8}{'clicked':>9}{'pixel':>9}"

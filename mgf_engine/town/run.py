@@ -172,7 +172,7 @@ def _watch(town: Path, process: subprocess.Popen[bytes]) -> None:
         while process.poll() is None:
             rows = read_rows(town, running=True)
             if shown is not None:
-                shown.update(table(rows))
+                shown.update(buildings_table(rows))
             else:
                 _say_changes(rows, said)
             if time.monotonic() - written > _PAGE_SECONDS:
@@ -190,7 +190,7 @@ def _say_changes(rows: list[dict[str, Any]], said: dict[str, str]) -> None:
             print(f"{row['id']}: {now}", file=sys.stderr, flush=True)
 
 
-def table(rows: list[dict[str, Any]]) -> Any:
+def buildings_table(rows: list[dict[str, Any]]) -> Any:
     """Return the buildings as a table for the terminal."""
     from rich.table import Table
 
@@ -231,7 +231,7 @@ def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: Optional
     gather(town, rows, most_faces, tiles, wanted)
     made = [PAGE, *(name for name in (TABLE, GLB, TILES, CITYJSON) if (town / name).is_file())]
     write_page(town / PAGE, town, rows, files=made[1:])
-    Console(width=None if sys.stdout.isatty() else 140).print(table(rows))
+    Console(width=None if sys.stdout.isatty() else 140).print(buildings_table(rows))
     ready = [row for row in rows if row["job"]]
     bad = [row for row in ready if row["job"] != FINISHED]
     print(f"{len(ready) - len(bad)} of {len(ready)} buildings are done; written to {town}: {', '.join(made)}")

@@ -40,7 +40,7 @@ def test_the_table_has_a_row_for_each_method_and_control_points_beat_gps(scene: 
     assert list(rows) == list(METHODS)
     for values in rows.values():
         assert values[3] == pytest.approx(np.hypot.reduce(values[:3]), abs=0.2)
-    assert rows["GPS"][3] > 100 and rows["laid onto control points"][3] < 40 and rows["cameras adjusted"][3] < 40
+    assert rows["GPS"][3] > 100 and rows["aligned to control points"][3] < 40 and rows["cameras adjusted"][3] < 40
 
 
 def test_a_scene_without_enough_corners_is_refused(scene: Path, tmp_path: Path, capsys) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The similarity that lays a scene onto control points, and what is said where they do not fit."""
+"""The similarity that aligns a scene to control points, and what is said where they do not fit."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The similarity that lays cameras onto the places their photos were taken at, and when there is none."""
+"""The similarity that aligns cameras to the places their photos were taken at, and when there is none."""
 
 from __future__ import annotations
 

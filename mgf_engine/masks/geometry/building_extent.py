@@ -29,7 +29,7 @@ from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.geometry.point_surface import Columns, Map, SurfaceOptions, make_surface
 from mgf_engine.masks.geometry.point_visibility import PointVisibility
-from mgf_engine.masks.image_ops import disc, fill_holes
+from mgf_engine.masks.image_ops import disc, fill_mask_holes
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.gravity import GravityOptions, looking_down
@@ -133,7 +133,7 @@ class BuildingExtent:
         core = _close(places, self.options.core * radius, h, w) | through
         unit = max(0.02 * MAP_SIDE, float(np.median(radius))) if len(radius) else 1.0
         reach = core | np.isfinite(near)
-        outside = (~fill_holes(reach)).astype(np.uint8)
+        outside = (~fill_mask_holes(reach)).astype(np.uint8)
         away = np.asarray(cv2.distanceTransform(outside, cv2.DIST_L2, 3) / unit, np.float32)
         behind = self.others.depth(view, h, w) + self.body.tolerance < near
         hidden, hull = self._hidden(index, h, w), _convex_hull(core, self.options.hull_piece)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.plan_grid import PlanGrid, cells_inside
-from mgf_engine.masks.image_ops import disc, fill_holes
+from mgf_engine.masks.image_ops import disc, fill_mask_holes
 from mgf_engine.scene.gravity import horizontal_axes
 
 
@@ -65,7 +65,7 @@ class GroundPlan:
         spots = np.zeros(at.max(0) + reach + 3, np.uint8)
         spots[tuple(at.T)] = 1
         # What the walls enclose is filled while the gaps between their points are bridged.
-        wide = fill_holes(cv2.dilate(spots, disc(reach)) > 0).astype(np.uint8)
+        wide = fill_mask_holes(cv2.dilate(spots, disc(reach)) > 0).astype(np.uint8)
         _, piece, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(wide, disc(reach)))
         large = stats[:, cv2.CC_STAT_AREA] >= options.piece * stats[1:, cv2.CC_STAT_AREA].max(initial=1)
         large[0] = False

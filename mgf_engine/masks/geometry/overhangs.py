@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.plan_grid import PlanGrid
-from mgf_engine.masks.image_ops import disc, fill_holes
+from mgf_engine.masks.image_ops import disc, fill_mask_holes
 from mgf_engine.scene.gravity import horizontal_axes
 
 Map = NDArray[np.bool_]
@@ -63,7 +63,9 @@ class Overhangs:
         reach = max(1, round(options.gap_in_walls * max(size)))
         padded = cv2.copyMakeBorder(walls, reach, reach, reach, reach, cv2.BORDER_CONSTANT)
         closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc(reach))[reach:-reach, reach:-reach]
-        inside = cv2.erode(fill_holes(closed > 0).astype(np.uint8), around)  # back to the cells of the walls themselves
+        inside = cv2.erode(
+            fill_mask_holes(closed > 0).astype(np.uint8), around
+        )  # back to the cells of the walls themselves
         self._over = walls_seen & (inside == 0) & (cv2.dilate(inside, disc(round(options.reach))) > 0)
 
     def __call__(self, samples: Points) -> Map:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.plan_grid import PlanGrid, cells_inside
 from mgf_engine.masks.geometry.point_features import PointFeatures
-from mgf_engine.masks.image_ops import disc, fill_holes
+from mgf_engine.masks.image_ops import disc, fill_mask_holes
 from mgf_engine.scene.gravity import horizontal_axes
 
 _FEWEST = 10  # points of a building that has a ground plan
@@ -55,7 +55,7 @@ def find_superstructures(
     top = np.full(size, -np.inf, np.float32)
     np.maximum.at(top, tuple(at[keep].T), height[keep])
     closed = cv2.morphologyEx(np.isfinite(top).astype(np.uint8), cv2.MORPH_CLOSE, disc(reach))
-    area = fill_holes(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
+    area = fill_mask_holes(cv2.dilate(closed, np.ones((3, 3), np.uint8)) > 0)
     floor = float(np.percentile(height[keep], 1))
     tall = cv2.dilate(np.where(np.isfinite(top), top - floor, 0).astype(np.float32), disc(reach))
     tall[tall <= 0] = np.percentile(height[keep], 95) - floor  # far inside, where no point tells
