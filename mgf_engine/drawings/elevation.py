@@ -9,11 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from mgf_engine.algorithms import parameter
+from mgf_engine.drawings.absorb import AbsorbOptions, absorb
 from mgf_engine.drawings.merge_segments import merge_segments
 from mgf_engine.drawings.model import CREASE, DETAIL, LEANING, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
 from mgf_engine.drawings.opening_edges import EdgePhotos
 from mgf_engine.drawings.openings import WallOpeningOptions, find_openings
-from mgf_engine.drawings.project import Grid, render_grid
+from mgf_engine.drawings.overhangs import OverhangOptions, square_overhangs
+from mgf_engine.drawings.plane_lines import PlaneLineOptions, plane_lines
+from mgf_engine.drawings.project import Grid, GridBuffers, render_grid
 from mgf_engine.drawings.rectangles import RectangleOptions, fit_rectangle, rectangle_stroke
 from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionOptions, Regions, find_regions
 from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, straighten
@@ -34,7 +37,10 @@ class ElevationOptions:
     )
     least_loose: float = parameter(12.0, "Minimum length of a line beside a surface that is in no plane", "ground px")
     regions: RegionOptions = RegionOptions()
+    absorb: AbsorbOptions = AbsorbOptions()
+    plane_lines: PlaneLineOptions = PlaneLineOptions()
     straightening: StraightenOptions = StraightenOptions()
+    overhangs: OverhangOptions = OverhangOptions()
     rectangles: RectangleOptions = RectangleOptions()
     openings: WallOpeningOptions = WallOpeningOptions()
 
@@ -56,7 +62,10 @@ def draw_elevation(
         photos: to take edges of openings from; None takes them from the mesh.
     """
     regions = find_regions(survey, planes, frame, options.regions)
-    boxes = _openings(survey, regions, options, photos)
+    seen = render_grid(survey, regions.grid)
+    absorb(regions, seen, survey, options.absorb)
+    boxes = _openings(survey, regions, seen, options, photos)
+    given = plane_lines(survey, planes, frame, options.plane_lines)
     chains = trace(regions.label)
     kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
     slack = options.openings.side * survey.working_pixel / regions.grid.resolution
@@ -77,9 +86,11 @@ def draw_elevation(
         if box is not None:
             _draw_rectangle(box, regions.grid, chain.ends, strokes, openings)
             continue
-        known = meeting_line(regions, chain) if kind == CREASE else None
-        frayed = kind != OUTLINE
-        strokes.append(straighten(corners, chain.ends, survey.working_pixel, known, options.straightening, frayed))
+        known = meeting_line(regions, chain) if kind == CREASE else given.near(corners)
+        stroke = straighten(corners, chain.ends, survey.working_pixel, known, options.straightening, frayed=True)
+        if kind == OUTLINE and _is_upright(frame):
+            square_overhangs(stroke, regions, survey.working_pixel, options.overhangs)
+        strokes.append(stroke)
     join_ends(strokes, places, survey.working_pixel, options.straightening)
     lines = _merged(
         strokes, [STEP] * len(boxes) + [kind for _, kind in drawn], survey.working_pixel, options.straightening
@@ -87,11 +98,16 @@ def draw_elevation(
     return LineDrawing(frame, lines, [], openings)
 
 
-def _openings(survey: Survey, regions: Regions, options: ElevationOptions, photos: EdgePhotos | None) -> list[Array]:
+def _is_upright(frame: Frame) -> bool:
+    return bool(abs(frame.normal[2]) <= LEANING)
+
+
+def _openings(
+    survey: Survey, regions: Regions, seen: GridBuffers, options: ElevationOptions, photos: EdgePhotos | None
+) -> list[Array]:
     """Return left, top, right, bottom of the openings in upright walls, in pixels of the map; none seen from above."""
-    if abs(regions.grid.frame.normal[2]) > LEANING:
+    if not _is_upright(regions.grid.frame):
         return []
-    seen = render_grid(survey, regions.grid)
     return find_openings(regions, seen, survey.working_pixel, options.openings, photos)
 
 
@@ -144,10 +160,10 @@ def _is_opening(chain: Chain, kind: str) -> bool:
 
 
 def meeting_line(regions: Regions, chain: Chain) -> Array | None:
-    """Intersect the planes on both sides: line (a, b, c), (a, b) of length 1; None where they are parallel."""
+    """Intersect the planes on both sides: line (a, b, c), (a, b) of length 1, [1, 3]; None where they are parallel."""
     line = regions.slope[chain.low - 1] - regions.slope[chain.high - 1]
     length = float(np.hypot(line[0], line[1]))
-    return line / length if length > 1e-6 else None
+    return line[None] / length if length > 1e-6 else None
 
 
 def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:

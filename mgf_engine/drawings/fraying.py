@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frayed borders that are one level or upright line: eaves, soffits and corners, where the mesh goes round gently.
+"""Frayed borders that are one straight line: eaves, soffits and corners, where the mesh goes round gently.
 
 There the border between two regions wanders by pixels, and spurs of one region reach into the other. People see one
-straight edge in the photos.
+straight edge in the photos. It is level, upright, or a line that the planes of the mesh know.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FrayOptions:
-    """Options of frayed borders that are drawn as one level or upright line."""
+    """Options of frayed borders that are drawn as one line."""
 
     near: float = parameter(4.0, "Distance from the line within which most of the border lies", "ground px")
     share: float = parameter(0.7, "Share of the border that has to lie so near", high=1)
@@ -29,58 +29,77 @@ class FrayOptions:
 
 
 @dataclass(frozen=True)
-class LevelPart:
-    """A part of a border, corners ``first`` to ``last``, that is a line: ``axis`` 0 is level, 1 is upright; at
-    ``value`` of the other axis."""
+class FrayedPart:
+    """A part of a border, corners ``first`` to ``last``, that is a line: ``a x + b y + c = 0`` with (a, b) of length 1;
+    ``known`` is one that planes give."""
 
     first: int
     last: int
-    axis: int
-    value: float
+    line: Array
+    known: bool
+
+    def nearest(self, points: Array) -> Array:
+        """Return the points of the line nearest to points [n, 2], [n, 2]."""
+        off = points @ self.line[:2] + self.line[2]
+        return np.asarray(points - off[:, None] * self.line[:2])
 
 
-def level_parts(
-    corners: Array, breaks: list[int], pixel: float, options: FrayOptions = FrayOptions()
-) -> list[LevelPart]:
-    """Find the parts of a border that are frayed level or upright lines, longest first; none overlaps another.
+def frayed_parts(
+    corners: Array, breaks: list[int], pixel: float, known: Array | None = None, options: FrayOptions = FrayOptions()
+) -> list[FrayedPart]:
+    """Find the parts of a border that are frayed lines; none overlaps another, known and longer ones come first.
 
     Args:
         corners: of pixels, [n, 2], drawing coordinates.
         breaks: rows where it turns.
         pixel: a ground pixel.
+        known: lines that planes give, [K, 3].
         options: how frayed it may be.
     """
-    found = list[tuple[float, LevelPart]]()
-    for a, first in enumerate(breaks):
-        for last in breaks[a + options.turns + 1 :]:
-            for axis in range(2):
-                length = abs(float(corners[last, axis] - corners[first, axis]))
-                part = _part(corners, first, last, axis, pixel, options) if length >= options.least * pixel else None
-                if part is not None:
-                    found.append((length, part))
-    kept = list[LevelPart]()
-    for _, part in sorted(found, key=lambda entry: -entry[0]):
+    found = list[tuple[bool, float, FrayedPart]]()
+    lines = [(line, True) for line in ([] if known is None else known)]
+    lines += [(np.array([0.0, 1.0, np.nan]), False), (np.array([1.0, 0.0, np.nan]), False)]
+    for line, is_known in lines:
+        across, along = corners @ line[:2], corners @ np.array([line[1], -line[0]])
+        rows = [row for row in breaks if abs(across[row] + line[2]) <= options.near * pixel] if is_known else breaks
+        for a, first in enumerate(rows):
+            for last in rows[a + 1 :]:
+                turns = breaks.index(last) - breaks.index(first)
+                length = abs(float(along[last] - along[first]))
+                if turns <= options.turns or length < options.least * pixel:
+                    continue
+                offset = _offset(along[first : last + 1], across[first : last + 1], -line[2], pixel, options)
+                if offset is not None:
+                    part = FrayedPart(first, last, np.array([*line[:2], -offset]), is_known)
+                    found.append((is_known, length, part))
+    kept = list[FrayedPart]()
+    for _, _, part in sorted(found, key=lambda entry: (-entry[0], -entry[1])):
         if all(part.last <= other.first or part.first >= other.last for other in kept):
             kept.append(part)
     return kept
 
 
-def _part(corners: Array, first: int, last: int, axis: int, pixel: float, options: FrayOptions) -> LevelPart | None:
-    """Return the part from one corner to another, if that is a frayed line along an axis."""
-    steps = np.abs(np.diff(corners[first : last + 1, axis]))
-    across = 0.5 * (corners[first:last, 1 - axis] + corners[first + 1 : last + 1, 1 - axis])
-    along = steps > 0
-    steps, across = steps[along], across[along]
-    length = abs(float(corners[last, axis] - corners[first, axis]))
-    if steps.sum() > 1.5 * length:
+def _offset(along: Array, across: Array, known: float, pixel: float, options: FrayOptions) -> float | None:
+    """Return where across a part of a border is a frayed line, None where it is none.
+
+    Args:
+        along, across: coordinates of its corners, [n].
+        known: place of the line, NaN takes the border's median.
+        pixel: a ground pixel.
+        options: how frayed it may be.
+    """
+    steps, middle = np.abs(np.diff(along)), 0.5 * (across[1:] + across[:-1])
+    moved = steps > 1e-9 * pixel
+    steps, middle = steps[moved], middle[moved]
+    if steps.sum() > 1.5 * abs(float(along[-1] - along[0])):
         return None
-    order = np.argsort(across)
-    value = float(across[order][np.searchsorted(np.cumsum(steps[order]), 0.5 * steps.sum())])
-    far = np.abs(across - value) > options.near * pixel
+    order = np.argsort(middle)
+    median = float(middle[order][np.searchsorted(np.cumsum(steps[order]), 0.5 * steps.sum())])
+    value = median if np.isnan(known) else known
+    far = np.abs(middle - value) > options.near * pixel
     if steps[far].sum() > (1 - options.share) * steps.sum() or _longest(far, steps) > options.apart * pixel:
         return None
-    ends = np.abs(corners[[first, last], 1 - axis] - value)
-    return LevelPart(first, last, axis, value) if ends.max() <= options.near * pixel else None
+    return value if np.abs(across[[0, -1]] - value).max() <= options.near * pixel else None
 
 
 def _longest(far: NDArray[np.bool_], steps: Array) -> float:

@@ -209,7 +209,7 @@ def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, 
             yield box, part[box] == k
 
 
-def _boxes(label: NDArray[np.int32]) -> Iterator[tuple[int, tuple[slice, slice]]]:
+def boxes_of_labels(label: NDArray[np.int32]) -> Iterator[tuple[int, tuple[slice, slice]]]:
     """Yield each label of a map and the box around its pixels."""
     values, dense = np.unique(label, return_inverse=True)
     yield from zip(values.tolist(), find_objects(dense.reshape(label.shape) + 1), strict=True)
@@ -219,7 +219,7 @@ def _merge_small(regions: Regions, least: float, hole: float) -> None:
     """Give connected regions and holes of fewer pixels the label of the nearest larger region."""
     label = regions.label
     small = np.zeros(label.shape, bool)
-    for value, box in _boxes(label):
+    for value, box in boxes_of_labels(label):
         own = (label[box] == value).astype(np.uint8)
         _, part, stats, _ = cv2.connectedComponentsWithStats(own, connectivity=4)
         drop = stats[:, cv2.CC_STAT_AREA] < (hole if value == NOTHING else least)
@@ -239,7 +239,7 @@ def _smooth(label: NDArray[np.int32], radius: int) -> None:
     """Give each pixel the label that most pixels of the square around it have."""
     most, winner = np.zeros(label.shape, np.float32), label.copy()
     size = (2 * radius + 1, 2 * radius + 1)
-    for value, box in _boxes(label):
+    for value, box in boxes_of_labels(label):
         wide = tuple(
             slice(max(0, s.start - radius), min(n, s.stop + radius)) for s, n in zip(box, label.shape, strict=True)
         )

@@ -9,16 +9,17 @@ except where a border is frayed (:mod:`mgf_engine.drawings.fraying`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.fraying import FrayOptions, LevelPart, level_parts
+from mgf_engine.drawings.fraying import FrayedPart, FrayOptions, frayed_parts
 
 Array = NDArray[np.float64]
+_KNOWN_TURN = 0.3  # sine of the largest angle between a run and a known line
 
 
 @dataclass(frozen=True)
@@ -98,25 +99,29 @@ def straighten(
         corners: [n, 2], drawing coordinates.
         ends: numbers of the places where the chain ends.
         pixel: a ground pixel.
-        known: line (a, b, c) with ``a x + b y + c = 0`` and (a, b) of length 1 where the planes on both sides meet.
+        known: lines ``a x + b y + c = 0`` with (a, b) of length 1 that planes give, such as where those on both sides
+            meet, [K, 3]; a run near one lies on it.
         options: how far a run may leave the chain, and what counts as level or upright.
-        frayed: whether the chain may wander about a level or upright line, as borders between regions do.
+        frayed: whether the chain may wander about a known, level or upright line, as borders between regions do.
     """
     closed = ends[0] == ends[1]
     if closed:
         corners = _begun_at_longest(_begun_at_a_corner(corners), options.split * pixel)
     breaks = douglas_peucker(corners, options.split * pixel)
-    parts = {part.first: part for part in level_parts(corners, breaks, pixel, options.fray)} if frayed else {}
+    found = frayed_parts(corners, breaks, pixel, known, options.fray) if frayed else []
+    parts = {part.first: part for part in found}
     within = {row for part in parts.values() for row in breaks if part.first < row < part.last}
     breaks = [row for row in breaks if row not in within]
     runs = [
-        _level_run(corners, parts[i]) if i in parts else _run(corners[i : j + 1], pixel, known, options)
+        _frayed_run(corners, parts[i], pixel, options)
+        if i in parts
+        else _run(corners[i : j + 1], pixel, known, options)
         for i, j in pairwise(breaks)
     ]
     at = corners[breaks].copy()
     for row, part in parts.items():
         k = breaks.index(row)
-        at[k : k + 2, 1 - part.axis] = part.value
+        at[k : k + 2] = part.nearest(at[k : k + 2])
     runs, at = _without_short(runs, at, pixel, closed, options)
     points = at.copy()
     for k in range(1, len(runs)):
@@ -216,17 +221,12 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
     middles = 0.5 * (corners[1:] + corners[:-1])
     span = corners[-1] - corners[0]
     length = float(np.hypot(*span))
-    if known is not None:
-        across = known[:2]
-        off = middles @ across + known[2]
-        along = np.array([-across[1], across[0]])
-        if (
-            np.median(np.abs(off)) < options.plane_line_distance * pixel
-            and length > 0
-            and abs(float(along @ span)) > 0.9 * length
-        ):
-            centre = corners.mean(0)
-            return _true(Run(centre - across * (centre @ across + known[2]), along, length, True), pixel, options)
+    if known is not None and length > 0:
+        off = np.median(np.abs(middles @ known[:, :2].T + known[:, 2]), axis=0)
+        turned = np.abs(known[:, :2] @ span) > _KNOWN_TURN * length
+        nearest = int(np.argmin(np.where(turned, np.inf, off))) if len(known) else 0
+        if len(known) and not turned[nearest] and off[nearest] < options.plane_line_distance * pixel:
+            return _true(_on_line(corners.mean(0), span, length, known[nearest]), pixel, options)
     cut = min(len(middles) // 4, max(1, int(options.corner * pixel / max(length / len(middles), 1e-12))))
     inner = middles[cut : len(middles) - cut] if len(middles) > 6 else middles
     centre = inner.mean(0)
@@ -237,12 +237,19 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
     return _true(Run(centre, along * (np.sign(along @ span) or 1.0), length), pixel, options)
 
 
-def _level_run(corners: Array, part: LevelPart) -> Run:
-    """Return the level or upright line of a frayed part of a chain."""
-    ends = corners[[part.first, part.last]].copy()
-    ends[:, 1 - part.axis] = part.value
+def _frayed_run(corners: Array, part: FrayedPart, pixel: float, options: StraightenOptions) -> Run:
+    """Return the line of a frayed part of a chain."""
+    ends = part.nearest(corners[[part.first, part.last]])
     span = ends[1] - ends[0]
-    return Run(ends.mean(0), np.sign(span), float(np.abs(span).max()))
+    run = _on_line(ends.mean(0), span, float(np.hypot(*span)), part.line)
+    return _true(run, pixel, options) if part.known else replace(run, known=False)
+
+
+def _on_line(centre: Array, span: Array, length: float, line: Array) -> Run:
+    """Return the run on a line ``a x + b y + c = 0`` near a point [2], along the line as ``span`` [2] goes."""
+    across = line[:2]
+    along = np.array([-across[1], across[0]])
+    return Run(centre - across * float(centre @ across + line[2]), along * (np.sign(along @ span) or 1.0), length, True)
 
 
 def _true(run: Run, pixel: float, options: StraightenOptions) -> Run:
