@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Regions that are the noise of one wall become one, undersides belong to the wall; real steps and leaning walls stay."""
+"""Regions that are the noise of one wall become one, undersides belong to the wall; steps and leaning walls stay."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_tilted_plane_stays_where_it_parts_from_the_wall() -> None:
 
 def eaves(high: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A roof over an underside so many rows high, over a wall that stands 10 pixels back; the upper part of normals."""
-    label = np.where(ROW < 40, ROOF, np.where(ROW < 40 + high, OTHER, WALL))
+    label = np.where(ROW < 40, ROOF, np.where(ROW - high < 40, OTHER, WALL))
     a = 10 * PIXEL / (high * 0.5 * PIXEL)
     foot = (HEIGHT - 40 - high) * 0.5 * PIXEL
     slope = np.array([[0.0, 0, 0], [0, a, -a * foot], [0, -1.5, 1.0 + 1.5 * (HEIGHT - 40) * 0.5 * PIXEL]])
