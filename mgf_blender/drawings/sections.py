@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..scene_import.tree import KIND_KEY, ROLE_KEY, Tree, objects_below
+from ..scene_import.tree import FIELD_KEY, KIND_KEY, ROLE_KEY, Tree, objects_below
 
 OURS, THEIRS = "section", "section of the user"
 _NAME = "Section"
@@ -98,8 +98,11 @@ def _file_name(name: str, taken: set[str]) -> str:
 
 
 def _bounds(tree: Tree) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower and upper corner of what was imported, world coordinates."""
-    there = [o for kind in ("Mesh", "Points") for o in tree.objects(kind)][:1]
+    """Return lower and upper corner of the mesh, else of the sparse points, world coordinates.
+
+    The Gaussian field, which reaches beyond the building, does not count.
+    """
+    there = [o for kind in ("Mesh", "Points") for o in tree.objects(kind) if not o.get(FIELD_KEY)][:1]
     if not there:
         middle = np.array(tree.root.matrix_world)[:3, 3]
         return middle - tree.radius, middle + tree.radius

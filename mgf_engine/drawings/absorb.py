@@ -38,7 +38,7 @@ class AbsorbOptions:
         9.0, "Angle by which a surface faces downwards from which it is an underside", "degrees", high=90
     )
     underside: float = parameter(
-        20.0, "Largest mean height of an underside in an elevation; higher ones are walls that lean", "ground px"
+        30.0, "Largest mean height of an underside in an elevation; higher ones are walls that lean", "ground px"
     )
     rounds: int = parameter(6, "Maximum number of rounds of merging", low=0)
 

@@ -86,7 +86,7 @@ def draw_elevation(
         if box is not None:
             _draw_rectangle(box, regions.grid, chain.ends, strokes, openings)
             continue
-        known = meeting_line(regions, chain) if kind == CREASE else given.near(corners)
+        known = meeting_line(regions, chain) if kind == CREASE else given
         stroke = straighten(corners, chain.ends, survey.working_pixel, known, options.straightening, frayed=True)
         if kind == OUTLINE and _is_upright(frame):
             square_overhangs(stroke, regions, survey.working_pixel, options.overhangs)
@@ -160,10 +160,11 @@ def _is_opening(chain: Chain, kind: str) -> bool:
 
 
 def meeting_line(regions: Regions, chain: Chain) -> Array | None:
-    """Intersect the planes on both sides: line (a, b, c), (a, b) of length 1, [1, 3]; None where they are parallel."""
+    """Intersect the planes on both sides: the line of all its length as :func:`plane_lines` has them,
+    [1, 5]; None where they are parallel."""
     line = regions.slope[chain.low - 1] - regions.slope[chain.high - 1]
     length = float(np.hypot(line[0], line[1]))
-    return line[None] / length if length > 1e-6 else None
+    return np.array([[*line / length, -np.inf, np.inf]]) if length > 1e-6 else None
 
 
 def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:

@@ -53,15 +53,18 @@ def frayed_parts(
         corners: of pixels, [n, 2], drawing coordinates.
         breaks: rows where it turns.
         pixel: a ground pixel.
-        known: lines that planes give, [K, 3].
+        known: lines that planes give, as :func:`mgf_engine.drawings.plane_lines.plane_lines` has them, [K, 5].
         options: how frayed it may be.
     """
     found = list[tuple[bool, float, FrayedPart]]()
     lines = [(line, True) for line in ([] if known is None else known)]
-    lines += [(np.array([0.0, 1.0, np.nan]), False), (np.array([1.0, 0.0, np.nan]), False)]
+    lines += [(np.array([a, 1.0 - a, np.nan, -np.inf, np.inf]), False) for a in (0.0, 1.0)]
     for line, is_known in lines:
         across, along = corners @ line[:2], corners @ np.array([line[1], -line[0]])
-        rows = [row for row in breaks if abs(across[row] + line[2]) <= options.near * pixel] if is_known else breaks
+        rows = breaks
+        if is_known:
+            beyond = np.maximum(line[3] - along, along - line[4]) > options.apart * pixel
+            rows = [row for row in breaks if not beyond[row] and abs(across[row] + line[2]) <= options.near * pixel]
         for a, first in enumerate(rows):
             for last in rows[a + 1 :]:
                 turns = breaks.index(last) - breaks.index(first)

@@ -28,28 +28,9 @@ class PlaneLineOptions:
     apart: float = parameter(8.0, "Largest distance of two planes that meet from each other", "ground px")
 
 
-@dataclass(frozen=True)
-class PlaneLines:
-    """Lines in a drawing.
-
-    Attributes:
-        lines: ``a x + b y + c = 0`` with (a, b) of length 1, drawing coordinates, [K, 3].
-        low, high: corners of the rectangle that each is within, [K, 2].
-    """
-
-    lines: Array
-    low: Array
-    high: Array
-
-    def near(self, points: Array) -> Array:
-        """Return the lines whose rectangle meets that around points [n, 2], [K, 3]."""
-        return self.lines[((self.low <= points.max(0)) & (self.high >= points.min(0))).all(1)]
-
-
-def plane_lines(
-    survey: Survey, planes: Planes, frame: Frame, options: PlaneLineOptions = PlaneLineOptions()
-) -> PlaneLines:
-    """Return the lines that the planes of a mesh give in a drawing.
+def plane_lines(survey: Survey, planes: Planes, frame: Frame, options: PlaneLineOptions = PlaneLineOptions()) -> Array:
+    """Return the lines that the planes of a mesh give in a drawing: ``a x + b y + c = 0`` with (a, b) of length 1, and
+    where along (b, -a) each begins and ends, drawing coordinates [K, 5].
 
     Args:
         survey: mesh in the local frame.
@@ -66,9 +47,7 @@ def plane_lines(
     boxes = _boxes(survey, planes, frame, large)
     found = _edge_on(normals, offsets, large, boxes, options)
     found += _meetings(normals, offsets, large, boxes, pixel, options)
-    lines = np.array([line for line, _, _ in found]).reshape(-1, 3)
-    low, high = (np.array([entry[k] for entry in found]).reshape(-1, 2) for k in (1, 2))
-    return PlaneLines(lines, low, high)
+    return np.array(found).reshape(-1, 5)
 
 
 def _boxes(survey: Survey, planes: Planes, frame: Frame, large: NDArray[np.int64]) -> Array:
@@ -83,22 +62,22 @@ def _boxes(survey: Survey, planes: Planes, frame: Frame, large: NDArray[np.int64
 
 def _edge_on(
     normals: Array, offsets: Array, large: NDArray[np.int64], boxes: Array, options: PlaneLineOptions
-) -> list[tuple[Array, Array, Array]]:
-    """Return line, low and high of planes seen edge on, where they are nearest to whoever looks and farthest away."""
-    found = []
+) -> list[Array]:
+    """Return the lines of planes seen edge on, where they are nearest to whoever looks and farthest away."""
+    found = list[Array]()
     for k in large[np.abs(normals[large, 2]) < np.sin(np.radians(options.edge_on))]:
         length = float(np.hypot(*normals[k, :2]))
         for depth in boxes[k, :, 2]:
             line = np.array([*normals[k, :2], normals[k, 2] * depth - offsets[k]]) / length
-            found.append((line, boxes[k, 0, :2], boxes[k, 1, :2]))
+            found.append(_within(line, boxes[k, :, :2]))
     return found
 
 
 def _meetings(
     normals: Array, offsets: Array, large: NDArray[np.int64], boxes: Array, pixel: float, options: PlaneLineOptions
-) -> list[tuple[Array, Array, Array]]:
-    """Return line, low and high of the silhouettes where two planes meet that touch each other, such as ridges."""
-    found = []
+) -> list[Array]:
+    """Return the lines of the silhouettes where two planes meet that touch each other, such as ridges."""
+    found = list[Array]()
     for a, k in enumerate(large):
         for j in large[a + 1 :]:
             hidden = normals[k, 2] * normals[j, 2] < 0  # one is seen, the other faces away: their edge is a silhouette
@@ -111,5 +90,16 @@ def _meetings(
             if (low > high).any() or length < 1e-3:
                 continue
             offset = offsets[k] * normals[j, 2] - offsets[j] * normals[k, 2]
-            found.append((np.array([*line[:2], -offset]) / length, low[:2], high[:2]))
+            found.append(_within(np.array([*line[:2], -offset]) / length, np.stack([low, high])[:, :2]))
     return found
+
+
+def _within(line: Array, box: Array) -> Array:
+    """Return a line (a, b, c) with its begin and end in the rectangle between two corners [2, 2], [5]."""
+    a, b, c = line
+    (left, low), (right, high) = box
+    at = np.array([left, right]) if abs(b) > abs(a) else np.array([low, high])
+    other = -(c + a * at) / b if abs(b) > abs(a) else -(c + b * at) / a
+    x, y = (at, other) if abs(b) > abs(a) else (other, at)
+    along = np.sort(b * x - a * y)
+    return np.array([a, b, c, *along])

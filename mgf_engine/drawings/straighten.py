@@ -36,6 +36,9 @@ class StraightenOptions:
     meeting_distance: float = parameter(
         4.0, "Largest distance of a crossing from the corner that it replaces", "ground px"
     )
+    apart: float = parameter(
+        1.5, "Distance of two level or upright lines from which they do not end in one point", "ground px"
+    )
     plane_line_distance: float = parameter(
         1.5, "Largest distance of a border from the line where its two planes meet", "ground px"
     )
@@ -100,7 +103,7 @@ def straighten(
         ends: numbers of the places where the chain ends.
         pixel: a ground pixel.
         known: lines ``a x + b y + c = 0`` with (a, b) of length 1 that planes give, such as where those on both sides
-            meet, [K, 3]; a run near one lies on it.
+            meet, and where along (b, -a) each begins and ends, [K, 5]; a run near one lies on it.
         options: how far a run may leave the chain, and what counts as level or upright.
         frayed: whether the chain may wander about a known, level or upright line, as borders between regions do.
     """
@@ -198,9 +201,42 @@ def join_ends(
             meeting.setdefault(stroke.ends[1], []).append((stroke, -1))
     for place, members in meeting.items():
         if len(members) > 1:
-            point = crossing([stroke.runs[end] for stroke, end in members], places[place], pixel, options)
-            for stroke, end in members:
-                stroke.points[end] = point
+            _join(members, places[place], pixel, options)
+
+
+def _join(members: list[tuple[Stroke, int]], place: Array, pixel: float, options: StraightenOptions) -> None:
+    """Bring the ends of strokes to one point, or to two where upright or level ones lie apart.
+
+    The edge of a roof and the wall below it are such: then each of these keeps its line, and the others reach over both.
+
+    Args:
+        members: strokes and which end of each, 0 or -1; changed in place.
+        place: where they meet, [2].
+        pixel: a ground pixel.
+        options: how far an end may be moved.
+    """
+    runs = [stroke.runs[end] for stroke, end in members]
+    for axis, along in ((0, [run.upright for run in runs]), (1, [run.level for run in runs])):
+        own = [k for k, yes in enumerate(along) if yes]
+        values = np.array([runs[k].at[axis] for k in own])
+        if len(own) < 2 or np.ptp(values) <= options.apart * pixel:
+            continue
+        others = [run for run, yes in zip(runs, along, strict=True) if not yes]
+        groups = values > 0.5 * (values.min() + values.max())
+        points = []
+        for group in (False, True):
+            rows = [k for k, of in zip(own, groups.tolist(), strict=True) if of == group]
+            points.append(crossing([runs[k] for k in rows] + others, place, pixel, options))
+            for k in rows:
+                members[k][0].points[members[k][1]] = points[-1]
+        for k, (stroke, end) in enumerate(members):
+            if k not in own:
+                away = np.linalg.norm(np.array(points) - stroke.points[-1 - end], axis=1)
+                stroke.points[end] = points[int(away.argmax())]
+        return
+    point = crossing(runs, place, pixel, options)
+    for stroke, end in members:
+        stroke.points[end] = point
 
 
 def _begun_at_a_corner(loop: Array) -> Array:
@@ -222,11 +258,9 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
     span = corners[-1] - corners[0]
     length = float(np.hypot(*span))
     if known is not None and length > 0:
-        off = np.median(np.abs(middles @ known[:, :2].T + known[:, 2]), axis=0)
-        turned = np.abs(known[:, :2] @ span) > _KNOWN_TURN * length
-        nearest = int(np.argmin(np.where(turned, np.inf, off))) if len(known) else 0
-        if len(known) and not turned[nearest] and off[nearest] < options.plane_line_distance * pixel:
-            return _true(_on_line(corners.mean(0), span, length, known[nearest]), pixel, options)
+        line = _nearest_line(middles, span, known, options.plane_line_distance * pixel)
+        if line is not None:
+            return _true(_on_line(corners.mean(0), span, length, line), pixel, options)
     cut = min(len(middles) // 4, max(1, int(options.corner * pixel / max(length / len(middles), 1e-12))))
     inner = middles[cut : len(middles) - cut] if len(middles) > 6 else middles
     centre = inner.mean(0)
@@ -235,6 +269,17 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
     else:
         along = span / max(length, 1e-300)
     return _true(Run(centre, along * (np.sign(along @ span) or 1.0), length), pixel, options)
+
+
+def _nearest_line(middles: Array, span: Array, known: Array, most: float) -> Array | None:
+    """Return the line nearest to points [n, 2] of a run from one end to the other by ``span`` [2], None where all are
+    turned against it, end before its middle, or are further away than ``most``."""
+    off = np.median(np.abs(middles @ known[:, :2].T + known[:, 2]), axis=0)
+    along = middles.mean(0) @ np.stack([known[:, 1], -known[:, 0]])
+    fits = np.abs(known[:, :2] @ span) <= _KNOWN_TURN * float(np.hypot(*span))
+    fits &= (off < most) & (along >= known[:, 3]) & (along <= known[:, 4])
+    rows = np.flatnonzero(fits)
+    return known[rows[off[rows].argmin()]] if len(rows) else None
 
 
 def _frayed_run(corners: Array, part: FrayedPart, pixel: float, options: StraightenOptions) -> Run:

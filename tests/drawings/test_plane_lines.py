@@ -10,7 +10,7 @@ from support.finished_job import FinishedJob
 from mgf_engine.drawings.facades import find_facades
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import Survey
-from mgf_engine.drawings.plane_lines import PlaneLines, plane_lines
+from mgf_engine.drawings.plane_lines import plane_lines
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.drawings.straighten import straighten
 from mgf_engine.drawings.trace import trace
@@ -23,14 +23,14 @@ def survey(finished: FinishedJob) -> Survey:
     return read_survey(finished.folder)
 
 
-def lines_of(survey: Survey, facade: int) -> PlaneLines:
+def lines_of(survey: Survey, facade: int) -> np.ndarray:
     return plane_lines(survey, survey_planes(survey), find_facades(survey)[facade].frame)
 
 
-def has(found: PlaneLines, line: tuple[float, float, float], slack: float) -> bool:
+def has(found: np.ndarray, line: tuple[float, float, float], slack: float) -> bool:
     """Whether ``a x + b y = c`` is among the lines."""
     a, b, c = line
-    return any(min(np.abs(s * row - (a, b, -c)).max() for s in (1, -1)) < slack for row in found.lines)
+    return any(min(np.abs(s * row - (a, b, -c)).max() for s in (1, -1)) < slack for row in found[:, :3])
 
 
 def test_a_long_side_knows_its_end_walls_and_the_ridge_but_not_the_eaves(survey: Survey) -> None:
@@ -58,7 +58,7 @@ def test_a_border_that_wanders_about_a_known_line_is_that_line(slope: float) -> 
     rng = np.random.default_rng(0)
     wandering = np.interp(column, np.arange(0, 241, 8), rng.uniform(-3, 3, 31))
     corners = border(np.rint(30 + slope * column + wandering).astype(int))
-    line = np.array([-slope, 1.0, -31.0]) / np.hypot(slope, 1)
+    line = np.array([*np.array([-slope, 1.0, -31.0]) / np.hypot(slope, 1), -np.inf, np.inf])
     without, stroke = (straighten(corners, (0, 1), 1.0, known, frayed=True) for known in (None, line[None]))
     assert slope == 0.0 or len(without.runs) > 4
     assert len(stroke.runs) == 1 and stroke.runs[0].known
@@ -67,5 +67,16 @@ def test_a_border_that_wanders_about_a_known_line_is_that_line(slope: float) -> 
 
 def test_a_border_beside_a_known_line_stays_where_it_is() -> None:
     corners = border(np.full(240, 60))
-    stroke = straighten(corners, (0, 1), 1.0, np.array([[0.0, 1.0, -66.0], [1.0, 0.0, -60.0]]), frayed=True)
+    stroke = straighten(
+        corners, (0, 1), 1.0, np.array([[0.0, 1.0, -66.0, 0, 240], [1.0, 0.0, -60.0, -140, 0]]), frayed=True
+    )
     np.testing.assert_array_equal(stroke.points[:, 1], 60)
+
+
+def test_a_border_beyond_the_end_of_a_known_line_stays_where_it_is() -> None:
+    corners = border(np.full(240, 60))
+    drawn = [
+        straighten(corners, (0, 1), 1.0, np.array([[0.0, 1.0, -61.0, begin, 400.0]]), frayed=True).points[0, 1]
+        for begin in (0.0, 300.0)
+    ]
+    assert drawn == [61.0, 60.0]

@@ -71,3 +71,15 @@ def test_segments_on_one_line_become_one_and_others_stay() -> None:
     found = merge_segments([segment(0, 0, 10, 0), segment(9, 0.1, 20, 0.1), segment(0, 5, 10, 5)], 1.0)
     spans = sorted(round(float(np.hypot(*(b - a)))) for a, b in found)
     assert spans == [10, 20]
+
+
+@pytest.mark.parametrize("apart,points", [(1.0, 1), (5.0, 2)])
+def test_the_edge_of_a_roof_and_the_wall_below_keep_their_own_lines(apart: float, points: int) -> None:
+    roof = straighten(np.array([[0.0, 60.0], [0.0, 30.0]]), (5, 9), 1.0)
+    wall = straighten(np.array([[apart, 30.0], [apart, 0.0]]), (9, 6), 1.0)
+    eaves = straighten(np.array([[0.0, 30.0], [60.0, 30.0]]), (9, 7), 1.0)
+    join_ends([roof, wall, eaves], {9: np.array([0.0, 30.0])}, 1.0)
+    ends = roof.points[-1], wall.points[0], eaves.points[0]
+    assert len({tuple(np.round(end, 6)) for end in ends}) == points
+    if points == 2:
+        np.testing.assert_allclose(ends, [(0, 30), (5, 30), (0, 30)], atol=1e-6)

@@ -20,7 +20,7 @@ from mgf_blender.drawings.panel import MGF_PT_drawings
 from mgf_blender.drawings.sections import find_sections
 from mgf_blender.reconstruct.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.tree import FIELD_KEY, Tree
 
 
 @pytest.fixture
@@ -108,6 +108,22 @@ def test_a_plane_says_where_to_cut_in_the_meshs_own_coordinates(finished, house)
     assert point[2] == pytest.approx(1.0, abs=1e-5)
     assert root[:3, :3] @ given[3:] == pytest.approx([0, 0, 1], abs=1e-5)
     assert abs(given[5]) < 0.99  # it would be 1 in an upright scene
+
+
+def test_a_plane_goes_through_the_mesh_and_not_through_the_gaussian_field(finished):
+    tree = Tree.find(bpy.context.scene)
+    for kind in ("Mesh", "Points"):
+        tree.clear(kind)
+    data = bpy.data.meshes.new("Gaussian Field")
+    data.from_pydata([(500, 0, 0), (900, 0, 0)], [], [])
+    field = bpy.data.objects.new("Gaussian Field", data)
+    tree.add("Points", field)
+    field[FIELD_KEY] = True
+    bpy.context.view_layer.update()
+    bpy.ops.mgf.add_section(axis="SIDE")
+    (plane,) = find_sections(bpy.context.scene)
+    bpy.context.view_layer.update()
+    assert np.array(plane.matrix_world.translation) == pytest.approx(np.array(tree.root.matrix_world)[:3, 3], abs=1e-4)
 
 
 def test_own_objects_are_sections_and_stay_when_they_are_none_any_more(finished, house):
