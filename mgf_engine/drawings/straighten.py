@@ -207,7 +207,7 @@ def join_ends(
 def _join(members: list[tuple[Stroke, int]], place: Array, pixel: float, options: StraightenOptions) -> None:
     """Bring the ends of strokes to one point, or to two where upright or level ones lie apart.
 
-    The edge of a roof and the wall below it are such: then each of these keeps its line, and the others reach over both.
+    The edge of a roof and the wall below are such: then each of these keeps its line, and the others reach over both.
 
     Args:
         members: strokes and which end of each, 0 or -1; changed in place.
@@ -226,7 +226,7 @@ def _join(members: list[tuple[Stroke, int]], place: Array, pixel: float, options
         points = []
         for group in (False, True):
             rows = [k for k, of in zip(own, groups.tolist(), strict=True) if of == group]
-            points.append(crossing([runs[k] for k in rows] + others, place, pixel, options))
+            points.append(crossing([runs[k] for k in rows] + others, runs[rows[0]].nearest(place), pixel, options))
             for k in rows:
                 members[k][0].points[members[k][1]] = points[-1]
         for k, (stroke, end) in enumerate(members):
