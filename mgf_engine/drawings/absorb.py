@@ -111,17 +111,16 @@ def _alike(
 ) -> int | None:
     """Return the label of the larger plane beside a part that its surface parts from least, None where all part."""
     best, found = np.inf, None
-    rows, columns = np.nonzero(part.own)
-    depth = seen.before[part.box][part.own]
-    rows, columns, depth = (values[np.isfinite(depth)] for values in (rows, columns, depth))
-    if not len(depth):
+    depth = seen.before[part.box]
+    rows, columns = np.nonzero(part.own & np.isfinite(depth))
+    if not len(rows):
         return None
     corner = np.array([part.box[1].start, part.box[0].start])
     at = seen.grid.places(np.stack([columns, rows], 1) + corner + 0.5)
     a0, b0, _ = slope[part.label - 1]
     for label in {other.label for other in beside if other.size > part.size and other.label != LOOSE} - {part.label}:
         a, b, c = slope[label - 1]
-        off = np.abs(a * at[:, 0] + b * at[:, 1] + c - depth) / np.sqrt(a * a + b * b + 1)
+        off = np.abs(a * at[:, 0] + b * at[:, 1] + c - depth[rows, columns]) / np.sqrt(a * a + b * b + 1)
         cosine = (a * a0 + b * b0 + 1) / np.sqrt((a * a + b * b + 1) * (a0 * a0 + b0 * b0 + 1))
         tilted = cosine < np.cos(np.radians(options.tilted))
         share = float(np.quantile(off, 0.9)) / (pixel * (options.parted_tilted if tilted else options.parted))
