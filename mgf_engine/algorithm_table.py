@@ -149,7 +149,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("regions", "drawings", "Planar regions that a drawing shows", "drawings.regions:RegionOptions", also=("models",)),
     Algorithm("region_merging", "drawings", "Regions of drawings whose border is none on the building", "drawings.absorb:AbsorbOptions"),
     Algorithm("plane_lines", "drawings", "Lines of drawings that planes of the mesh give", "drawings.plane_lines:PlaneLineOptions"),
-    Algorithm("overhangs", "drawings", "Undersides of overhangs in outlines", "drawings.overhangs:OverhangOptions"),
+    Algorithm("outline_overhangs", "drawings", "Undersides of overhangs in outlines", "drawings.overhangs:OverhangOptions"),
     Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),
     Algorithm("rectangles", "drawings", "Rectangles of openings in drawings", "drawings.rectangles:RectangleOptions"),
     Algorithm("wall_openings", "drawings", "Windows and doors of elevations, by their depth in a wall", "drawings.openings:WallOpeningOptions"),

@@ -11,7 +11,7 @@ most is a sill's other edge.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -41,14 +41,16 @@ class OpeningEdgeOptions:
     margin: float = parameter(0.12, "Share of an edge left out at each of its ends", high=0.45)
     shown: float = parameter(0.5, "Minimum share of a strip that a photo shows", high=1)
     inner: float = parameter(0.15, "Weight of a photo that looks at the reveal; 1 for one that does not", high=1)
-    outward: float = parameter(
-        0.25, "Expected distance of the edge from the mesh's, away from the opening", "ground px", low=None
+    outward: tuple[float, float] = parameter(
+        (0.25, 0.0), "Expected distance of the edge from the mesh's, away from the opening; at the sides, and above",
+        "ground px", low=None,
+    )  # fmt: skip
+    spread: tuple[float, float] = parameter(
+        (1.5, 2.0), "Standard deviation of that distance, at the sides and above", "ground px", low=0.01
     )
-    spread: float = parameter(1.5, "Standard deviation of that distance", "ground px", low=0.01)
-    farthest: float = parameter(3.0, "Maximum distance of the edge from the mesh's", "ground px")
-    upper_outward: float = parameter(0.0, "The expected distance at upper edges", "ground px", low=None)
-    upper_spread: float = parameter(2.0, "Standard deviation of the distance at upper edges", "ground px", low=0.01)
-    upper_farthest: float = parameter(4.0, "Maximum distance of an upper edge from the mesh's", "ground px")
+    farthest: tuple[float, float] = parameter(
+        (3.0, 4.0), "Maximum distance of the edge from the mesh's, at the sides and above", "ground px"
+    )
     prominence: float = parameter(0.2, "Minimum drop of the mean gradient on the wall's side, as a share", high=1)
     flank: float = parameter(0.6, "Distance of the half of the drop from an edge, by the blur of photos", "ground px")
 
@@ -106,9 +108,6 @@ def move_edges(
         [n, 4].
     """
     result, offsets = boxes.copy(), np.arange(-options.reach, options.reach + 0.5 * _STEP, _STEP)
-    upper = replace(
-        options, outward=options.upper_outward, spread=options.upper_spread, farthest=options.upper_farthest
-    )
     for side in (LEFT, TOP, RIGHT):
         lines: dict[tuple[int, float], list[int]] = {}
         for row, wall in enumerate(walls):
@@ -118,13 +117,15 @@ def move_edges(
             curves = [curve for curve in found if curve is not None]
             if not curves:
                 continue
-            out = wall_side_edge(np.mean(curves, axis=0), offsets, upper if side == TOP else options)
+            out = wall_side_edge(np.mean(curves, axis=0), offsets, options, above=side == TOP)
             sign = 1.0 if side == RIGHT else -1.0
             result[rows, side] += sign * out * pixel / regions.grid.resolution
     return result
 
 
-def wall_side_edge(gradient: Array, offsets: Array, options: OpeningEdgeOptions = OpeningEdgeOptions()) -> float:
+def wall_side_edge(
+    gradient: Array, offsets: Array, options: OpeningEdgeOptions = OpeningEdgeOptions(), above: bool = False
+) -> float:
     """Find the offset of an edge in a mean gradient [n]; 0, the mesh's edge, if it shows none.
 
     Of the maxima that fall off towards the wall, the one is chosen whose height, times a normal distribution around
@@ -134,7 +135,9 @@ def wall_side_edge(gradient: Array, offsets: Array, options: OpeningEdgeOptions 
         gradient: at ``offsets``.
         offsets: distances from the mesh's edge, away from the opening, evenly spaced [n].
         options: expected place, prominence and blur.
+        above: the edge is an upper one.
     """
+    outward, spread, farthest = (pair[above] for pair in (options.outward, options.spread, options.farthest))
     best, place = 0.0, 0.0
     for k in range(2, len(gradient) - 2):
         if not gradient[k - 1] <= gradient[k] > gradient[k + 1]:
@@ -151,9 +154,9 @@ def wall_side_edge(gradient: Array, offsets: Array, options: OpeningEdgeOptions 
             share = (gradient[j - 1] - 0.5 * gradient[k]) / (gradient[j - 1] - gradient[j])
             at = float(offsets[j - 1] + share * (offsets[j] - offsets[j - 1]))
         at -= options.flank
-        if abs(at) > options.farthest:
+        if abs(at) > farthest:
             continue
-        likely = float(gradient[k] * np.exp(-0.5 * ((at - options.outward) / options.spread) ** 2))
+        likely = float(gradient[k] * np.exp(-0.5 * ((at - outward) / spread) ** 2))
         if likely > best:
             best, place = likely, at
     return place
