@@ -89,6 +89,11 @@ def explain(
     if isinstance(error, OSError) and error.errno in _BAD_PATH:
         path = str(error.filename)[-60:]
         return EXIT_BAD_INPUT, f"Cannot use the path '{path}' ({error.strerror}); give another one."
+    if isinstance(error, UnicodeEncodeError) and error.encoding != "utf-8":
+        return EXIT_BAD_INPUT, (
+            f"The encoding of this system's paths ({error.encoding}) lacks letters of '{error.object[-60:]}'; set the "
+            "environment variable PYTHONUTF8=1."
+        )
     if type(error).__name__ == "OutOfMemoryError":  # torch's, for GPUs
         return EXIT_BAD_INPUT, "The GPU's memory is full; lower --resolution or --max-gaussians, or use --device cpu."
     if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)) or near_memory_limit():

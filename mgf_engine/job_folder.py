@@ -166,10 +166,20 @@ def check_inputs(source: Path, prompts: Path | None, masks: Path | None, kept: P
     for path, what in ((source, "scene"), (prompts, "prompts file"), (masks, "mask folder")):
         if path is not None and not path.exists():
             raise BadInput(f"The {what} '{path}' does not exist; check the path.")
+    if _holds_job(source):
+        raise BadInput(f"'{source}' is a job folder; give the scene of that job, '{read_job(source)['source']}'.")
     if prompts is not None and prompts.is_dir():
         raise BadInput(f"The prompts file '{prompts}' is a folder; give a file.")
     if masks is not None and not masks.is_dir():
         raise BadInput(f"The mask folder '{masks}' is a file; give a folder with one PNG per photo.")
+
+
+def _holds_job(folder: Path) -> bool:
+    """Tell whether a folder is that of a job of this version."""
+    try:
+        return bool(read_job(folder))
+    except BadInput:
+        return False
 
 
 def check_one_guide(prompts: Path | None, masks: Path | None) -> None:

@@ -13,6 +13,7 @@ import pytest
 from mgf_engine import cli
 from mgf_engine.cli import main
 from tests.support.command_line import mgf
+from tests.support.jobs import write_photo_folder
 
 
 def failed_sentence(run: subprocess.CompletedProcess) -> str:
@@ -115,6 +116,15 @@ def test_terminals_without_unicode_get_escapes(tmp_path: Path) -> None:
     run = mgf("bench", "smoke", "--page-only", "--out", tmp_path / "mühle", env=narrow)
     assert (run.returncode, run.stderr) == (0, "")
     assert "m\\xfchle" in run.stdout
+
+
+@pytest.mark.skipif(os.name == "nt", reason="paths of Windows have one encoding")
+def test_an_encoding_that_lacks_letters_of_a_path_is_named(tmp_path: Path) -> None:
+    source = write_photo_folder(tmp_path / "Häuser")
+    narrow = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    (tmp_path / "config.json").write_text(json.dumps({"control": str(source / "points.csv")}), encoding="utf-8")
+    run = mgf("scene", source, "--out", tmp_path / "job", "--config", tmp_path / "config.json", env=narrow)
+    assert run.returncode == 2 and "PYTHONUTF8=1" in run.stderr and "Traceback" not in run.stderr
 
 
 def test_a_kernel_variant_that_cannot_run_is_refused_before_any_work(tmp_path: Path) -> None:

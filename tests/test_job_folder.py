@@ -128,6 +128,16 @@ def test_what_another_process_finishes_before_it_lets_go_is_kept(tmp_path: Path,
     assert set(read_job(tmp_path / "job")["stages"]) == {"scene", "masks", "field"}
 
 
+def test_a_job_folder_is_no_scene(tmp_path: Path, source: Path) -> None:
+    """Its working photos would be taken for photos, small and cut as they are."""
+    Job.start(tmp_path / "job", source).close()
+    with pytest.raises(BadInput, match=f"is a job folder; give the scene of that job, '{source}'"):
+        Job.start(tmp_path / "other", tmp_path / "job")
+    assert not (tmp_path / "other").exists()
+    (source / "job.json").write_text("{}")  # of some other program
+    Job.start(tmp_path / "other", source).close()
+
+
 def test_a_folder_without_a_job_is_said(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="holds no job; give the folder that 'mgf reconstruct' made"):
         read_job(tmp_path)
