@@ -68,7 +68,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
     )
     install_survey: bpy.props.BoolProperty(
         name="Drawings and Map Coordinates",
-        description="Install what drawings and map coordinates need, too: rasterio, ezdxf, shapely, pyproj, pyceres",
+        description="Install what drawings and map coordinates need, too: rasterio, ezdxf, pyproj, pyceres",
         default=False,
     )
     install_models: bpy.props.BoolProperty(

@@ -21,13 +21,13 @@ CONSTRAINTS = "constraints.txt"
 EXTRAS: dict[str, tuple[str, dict[str, str]]] = {
     "survey": (
         "drawings, map coordinates",
-        {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely", "pyproj": "pyproj", "pyceres": "pyceres"},
+        {"rasterio": "rasterio", "ezdxf": "ezdxf", "pyproj": "pyproj", "pyceres": "pyceres"},
     ),
     "models": (
         "mgf models, laser scans",
         {
             "xatlas": "xatlas", "fast_simplification": "fast-simplification", "DracoPy": "DracoPy",
-            "shapely": "shapely", "pyproj": "pyproj", "ifcopenshell": "ifcopenshell", "pxr": "usd-core",
+            "pyproj": "pyproj", "ifcopenshell": "ifcopenshell", "pxr": "usd-core",
             "laspy": "laspy", "lazrs": "lazrs", "pye57": "pye57",
         },
     ),
@@ -35,7 +35,7 @@ EXTRAS: dict[str, tuple[str, dict[str, str]]] = {
         "many buildings",
         {
             "snakemake": "snakemake", "snakemake_executor_plugin_slurm": "snakemake-executor-plugin-slurm",
-            "pyogrio": "pyogrio", "shapely": "shapely", "pyproj": "pyproj",
+            "pyogrio": "pyogrio", "pyproj": "pyproj",
         },
     ),
 }  # fmt: skip

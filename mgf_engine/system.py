@@ -19,7 +19,8 @@ from typing import Any
 import psutil
 
 PACKAGES = (
-    "torch", "numpy", "pycolmap", "onnxruntime", "opencv-contrib-python-headless", "scipy", "libigl", "trimesh",
+    "torch", "numpy", "pycolmap", "onnxruntime", "opencv-contrib-python-headless", "scipy", "shapely", "libigl",
+    "trimesh",
 )  # fmt: skip
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from mgf_engine.doctor import EXTRAS
+
 ROOT = Path(__file__).resolve().parents[1]
 #: Packages and modules of ``mgf_engine``, from the bottom up: each may import those before it.
 ORDER = (
@@ -119,3 +121,28 @@ def test_the_add_on_imports_no_engine_and_the_engine_no_blender() -> None:
                 names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
                 names += [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
                 assert not {n.split(".")[0] for n in names} & forbidden, path
+
+
+#: Modules that import a package of an extra without a check of their own -> what refuses before they run.
+CHECKED = {
+    "mgf_engine/georef/bundle_worker.py": "mgf_engine/georef/bundle.py",
+    "mgf_engine/town/submit.py": "mgf_engine/town/run.py",
+    "mgf_engine/town/result.py": "mgf_engine/town/run.py",
+}
+#: Their commands name all packages that are missing before they begin.
+CHECKED_BY_COMMANDS = ("mgf_engine/drawings", "mgf_engine/models")
+
+
+def test_packages_of_extras_are_used_only_where_their_lack_is_said() -> None:
+    """'mgf suggest-clicks' and 'mgf buildings' took shapely for granted, which only extras brought."""
+    extra = {module for _, packages in EXTRAS.values() for module in packages}
+    unchecked = []
+    for path in sorted((ROOT / "mgf_engine").rglob("*.py")):
+        name, text = path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
+        nodes = [n for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Import | ast.ImportFrom)]
+        tops = {(n.module or "") if isinstance(n, ast.ImportFrom) else a.name for n in nodes for a in n.names}
+        if extra & {top.split(".")[0] for top in tops} and not name.startswith(CHECKED_BY_COMMANDS):
+            checker = (ROOT / CHECKED.get(name, name)).read_text(encoding="utf-8")
+            if "except ImportError" not in checker and "find_spec" not in checker:
+                unchecked.append(name)
+    assert unchecked == []

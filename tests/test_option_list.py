@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -49,3 +51,25 @@ def test_help_is_a_phrase_of_at_most_two_sentences(entry: dict[str, str]) -> Non
 def test_options_that_name_files_say_so() -> None:
     paths = {f.name: f.metadata["path"] for f in option_fields() if f.metadata["path"]}
     assert paths == {"weights": "folder", "control": "file", "marks": "file", "scale_bars": "file"}
+
+
+WITHOUT_EXTRAS = """
+import sys
+from mgf_engine.doctor import EXTRAS
+
+class NotInstalled:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in modules:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+modules = {module for _, packages in EXTRAS.values() for module in packages}
+sys.meta_path.insert(0, NotInstalled())
+from mgf_engine.cli import main
+sys.exit(main(["options", "--algorithms"]))
+"""
+
+
+def test_options_of_algorithms_are_listed_without_the_extra_packages() -> None:
+    """After 'pip install .', as the page on installing has it first; those of the solid need shapely."""
+    run = subprocess.run([sys.executable, "-c", WITHOUT_EXTRAS], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "") and "roof_seen" in run.stdout
