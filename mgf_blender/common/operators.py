@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from .errors import UserError
+from .errors import sentence
 from .text import CONTEXT, in_our_words
 
 
@@ -19,11 +19,11 @@ class Operator(bpy.types.Operator):
         in_our_words(cls)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Run, and report what the user did wrong as the operator's error."""
+        """Run, and report what the user did wrong, or a fault of ours, as the operator's error in one sentence."""
         try:
             return self.run(context) or {"FINISHED"}
-        except UserError as error:
-            self.report({"ERROR"}, str(error))
+        except Exception as error:
+            self.report({"ERROR"}, sentence(error))
             return {"CANCELLED"}
 
     @classmethod

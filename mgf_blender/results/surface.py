@@ -53,7 +53,7 @@ def show(mesh: bpy.types.Mesh, kind: str) -> None:
     """Paint a mesh, in the viewport and in renders.
 
     Raises:
-        UserError: the mesh carries no such value.
+        UserError: the mesh carries no such value, or none in Edit Mode.
     """
     if kind not in available(mesh):
         if kind == "TEXTURE":
@@ -61,6 +61,9 @@ def show(mesh: bpy.types.Mesh, kind: str) -> None:
         raise UserError(
             "The mesh carries no {kind}; run the job again with this version of the engine.", kind=kind.lower()
         )
+    layer, value = KINDS[kind]
+    if mesh.is_editmode and value and layer not in mesh.color_attributes:
+        raise UserError("Leave Edit Mode first: these colors are made from values that the mesh has in Object Mode.")
     for material in mesh.materials:
         show_texture(material, kind == "TEXTURE")
     if kind != "TEXTURE":

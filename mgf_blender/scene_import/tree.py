@@ -33,9 +33,15 @@ class Tree:
 
     @classmethod
     def make(cls, scene: bpy.types.Scene, name: str, frame: SceneFrame) -> Tree:
-        """Add an empty tree to a scene; the empty gets the frame's pose. Trees whose objects are all gone leave."""
+        """Add an empty tree to a scene; the empty gets the frame's pose. Trees whose objects are all gone leave.
+
+        Raises:
+            UserError: the scene is linked from another file.
+        """
+        if scene.library is not None:
+            raise UserError("The scene is linked from another file; open that file, or go to a scene of this one.")
         trees = [c for c in scene.collection.children if c.get(ROLE_KEY) == "tree"]
-        for old in [c for c in trees if next(objects_below(c), None) is None]:
+        for old in [c for c in trees if c.library is None and next(objects_below(c), None) is None]:
             bpy.data.batch_remove([*old.children_recursive, old])
         top = bpy.data.collections.new(name)
         top[ROLE_KEY] = "tree"
@@ -67,9 +73,12 @@ class Tree:
 
     @classmethod
     def find_all(cls, scene: bpy.types.Scene) -> list[Tree]:
-        """Find the trees of the scene whose empty still exists: that of the active camera first, then the newest."""
-        collections = reversed(scene.collection.children_recursive)
-        trees = [cls(c) for c in collections if c.get(ROLE_KEY) == "tree" and cls(c).root is not None]
+        """Find the trees of the scene whose empty still exists: that of the active camera first, then the newest.
+
+        Those of other files, linked or as library overrides, are not ours to change.
+        """
+        own = [c for c in scene.collection.children_recursive if c.library is None and c.override_library is None]
+        trees = [cls(c) for c in reversed(own) if c.get(ROLE_KEY) == "tree" and cls(c).root is not None]
         active = scene.camera.parent if scene.camera is not None else None
         return sorted(trees, key=lambda tree: tree.root != active)
 

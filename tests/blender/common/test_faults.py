@@ -52,6 +52,14 @@ def test_a_listener_that_raises_stops_nothing(ready, monkeypatch, tmp_path):
     assert [WORDS in text for text in job.warnings] == [False, True] and "Cannot read the picture" in job.warnings[1]
 
 
+def test_an_operator_that_raises_is_one_sentence(ready, monkeypatch, capfd):
+    monkeypatch.setattr("mgf_blender.scene_import.operators.import_scene", broken)
+    with pytest.raises(RuntimeError) as raised:
+        bpy.ops.mgf.import_colmap(filepath="//anywhere")
+    assert WORDS in str(raised.value) and "Traceback" not in str(raised.value)
+    assert "Traceback" in capfd.readouterr().err  # the console has the rest
+
+
 def test_faults_at_the_end_and_at_the_start_leave_no_job_behind(ready, monkeypatch):
     jobs = []
     for i in range(3):

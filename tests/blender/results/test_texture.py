@@ -135,6 +135,22 @@ def test_an_own_uv_map_is_no_texture(scene, house):
     assert available(mesh) == ["COLOR"]
 
 
+def test_colors_of_a_value_are_not_made_in_edit_mode(panel):
+    """There the mesh has no values to make them of; what it shows stays, and colors made before are chosen."""
+    bpy.context.view_layer.objects.active = next(o for o in bpy.data.objects if o.data == panel)
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match="Leave Edit Mode first"):
+        bpy.ops.mgf.paint_mesh(kind="CONFIDENCE")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert shown(panel) == "TEXTURE"
+    bpy.ops.mgf.paint_mesh(kind="CONFIDENCE")
+    bpy.ops.mgf.paint_mesh(kind="TEXTURE")
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mgf.paint_mesh(kind="CONFIDENCE")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert shown(panel) == "CONFIDENCE"
+
+
 def test_kinds_to_and_fro(panel):
     assert draw(MGF_PT_results).said.count("Texture") == 1
     for kind, source, drawn in (

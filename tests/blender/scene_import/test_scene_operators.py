@@ -43,6 +43,42 @@ def test_every_way_to_name_the_model(addon, house):
             bpy.ops.mgf.import_colmap(filepath=wrong)
 
 
+@pytest.mark.parametrize("override", [False, True])
+def test_what_is_linked_from_another_file_is_neither_replaced_nor_added_to(addon, house, tmp_path, override):
+    """Blender lets nobody link objects into such collections, and what was removed from them would come back."""
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "häuser.blend"))
+    name = Tree.find(bpy.context.scene).collection.name
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "häuser.blend"), link=True) as (_, wanted):
+        wanted.collections = [name]
+    linked = bpy.data.collections[name]
+    bpy.context.scene.collection.children.link(linked)
+    if override:
+        linked = linked.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
+    bpy.context.scene.camera = next(o for o in linked.all_objects if o.type == "CAMERA")
+    before = {o.name_full for o in linked.all_objects}
+    assert Tree.find(bpy.context.scene) is None and not bpy.ops.mgf.add_crop_box.poll()
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    bpy.ops.mgf.add_crop_box()
+    trees = Tree.find_all(bpy.context.scene)
+    assert len(trees) == 1 and all(o.library is None for o in trees[0].collection.all_objects)
+    assert {o.name_full for o in linked.all_objects} == before
+
+
+def test_a_scene_that_is_linked_is_refused_in_a_sentence(addon, house, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "other.blend"), link=True) as (there, wanted):
+        wanted.scenes = there.scenes
+    bpy.context.window.scene = next(s for s in bpy.data.scenes if s.library)
+    with pytest.raises(RuntimeError, match="is linked from another file"):
+        bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+
+
 def test_another_scene_in_place_of_an_earlier_one_has_its_own_name_and_pose(addon, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     tree = Tree.find(bpy.context.scene)
