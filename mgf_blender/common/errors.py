@@ -18,6 +18,11 @@ class UserError(Exception):
         super().__init__(tr(text, **values))
 
 
+def reason(error: Exception) -> str:
+    """Return what a file's error says in words: without its number, and without the path, which the sentence names."""
+    return str(error.strerror or error) if isinstance(error, OSError) else str(error)
+
+
 def sentence(error: Exception) -> str:
     """Return what people read of an error: a ``UserError``'s own text; of a fault of ours the console has the rest."""
     if isinstance(error, UserError):

@@ -16,7 +16,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 from ..common.files import replace_file
 from ..common.json_cache import JsonCache
 from .properties import set_mark
@@ -102,7 +102,9 @@ def read_marks(scene: bpy.types.Scene, path: Path) -> int:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [(r["name"], r["photo"], (float(r["x"]), float(r["y"]))) for r in csv.DictReader(file)]
     except OSError as error:
-        raise UserError("Cannot read '{path}' ({error}); choose a CSV of marks.", path=path, error=error) from error
+        raise UserError(
+            "Cannot read '{path}' ({error}); choose a CSV of marks.", path=path, error=reason(error)
+        ) from error
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise UserError("'{path}' is no file of marks; its heading should be name, photo, x, y.", path=path) from error
     if not rows or not all(math.isfinite(v) for *_, uv in rows for v in uv):

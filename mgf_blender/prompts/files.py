@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 from ..common.files import replace_file
 from .properties import BUILDING
 
@@ -57,7 +57,7 @@ def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(
-            "Cannot read '{path}' ({error}); choose a prompts.json file.", path=path, error=error
+            "Cannot read '{path}' ({error}); choose a prompts.json file.", path=path, error=reason(error)
         ) from error
     try:
         return {str(name): list(_clicks(entry)) for name, entry in data.items()}

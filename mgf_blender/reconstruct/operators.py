@@ -18,6 +18,7 @@ from ..scene_import.crop import crop_text
 from ..scene_import.locate import holds_model, holds_photos
 from ..scene_import.operators import bring_in, frame_tree
 from . import preview_image
+from .engine_messages import in_panel_terms, translate_message
 from .start import broke_off, given_options, has_job_file, job_folder, make_job
 
 
@@ -29,7 +30,7 @@ def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
     while runner.pump():
         time.sleep(0.05)
     if job.status != DONE:
-        operator.report({"ERROR"}, job.text)
+        operator.report({"ERROR"}, translate_message(in_panel_terms(job.text)))
         return {"CANCELLED"}
     return {"FINISHED"}
 

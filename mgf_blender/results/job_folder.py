@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 from ..scene_import.cameras import CameraSpec
 
 _TEXTURE = ("texture", "texture_uv")
@@ -59,7 +59,7 @@ def read_delivery(folder: Path) -> Delivery:
         ) from error
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(
-            "Cannot read '{path}' ({error}); run the job again with Resume.", path=path, error=error
+            "Cannot read '{path}' ({error}); run the job again with Resume.", path=path, error=reason(error)
         ) from error
     try:
         views = tuple(_view(folder, entry) for entry in content["views"])
@@ -67,7 +67,7 @@ def read_delivery(folder: Path) -> Delivery:
         files = {key: _file(folder, content.get(key)) for key in ("mesh", "field", "report", "parts", *_TEXTURE)}
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise UserError(
-            "'{path}' is not what this version reads ({error!r}); run the job again.", path=path, error=error
+            "'{path}' is not what this version reads ({error!r}); run the job again.", path=path, error=reason(error)
         ) from error
     for key in _TEXTURE:
         if files[key] is None and any(content.get(k) for k in _TEXTURE):

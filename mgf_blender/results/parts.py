@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 from ..common.materials import part_material
 from ..common.textures import texture_material
 
@@ -35,7 +35,7 @@ def read_parts(path: Path, faces: int) -> Parts:
             raise ValueError("no names and numbers of parts")
         parts = Parts([str(n) for n in names], face.astype(np.int32))
     except Exception as error:  # a damaged archive fails in the words of zip, zlib, numpy or Python's tokenizer
-        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=error) from error
+        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=reason(error)) from error
     if parts.face.shape != (faces,) or (faces and not 0 <= parts.face.min() <= parts.face.max() < len(parts.names)):
         raise UserError("'{path}' belongs to another mesh; run the job again.", path=path)
     return parts

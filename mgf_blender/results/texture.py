@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 from ..common.textures import remove_unused_materials
 from ..scene_import.cameras import IMAGE_KEY, load_image
 
@@ -28,7 +28,7 @@ def read_uv(path: Path, faces: int) -> np.ndarray:
         if uv.dtype.kind != "f" or not np.isfinite(uv).all():
             raise ValueError("no texture coordinates")
     except Exception as error:  # a damaged archive fails in the words of zip, zlib, numpy or Python's tokenizer
-        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=error) from error
+        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=reason(error)) from error
     if uv.shape != (faces, 3, 2):
         raise UserError("'{path}' belongs to another mesh; run the job again.", path=path)
     return uv.astype(np.float32, copy=False)
@@ -45,7 +45,7 @@ def check_picture(path: Path) -> None:
         if not data.startswith(_BEGIN) or not data.rstrip(b"\0").endswith(_END):
             raise ValueError("no whole JPEG picture")
     except (OSError, ValueError) as error:
-        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=error) from error
+        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=reason(error)) from error
 
 
 def load_texture(path: Path) -> bpy.types.Image:
@@ -57,7 +57,7 @@ def load_texture(path: Path) -> bpy.types.Image:
     try:
         return load_image(path, _KIND)
     except RuntimeError as error:
-        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=error) from error
+        raise UserError("Cannot read '{path}' ({error}); run the job again.", path=path, error=reason(error)) from error
 
 
 def remove_unused_textures() -> None:

@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 from ..georef.files import Placement, read_placement
 
 PLAN, BUILDINGS, LIGHT, TERRAIN = "buildings.json", "buildings", "light.ply", "terrain"
@@ -55,7 +55,9 @@ def read_town(folder: Path) -> Town:
         names = [str(row["id"]) for row in json.loads((folder / PLAN).read_text(encoding="utf-8"))["buildings"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(
-            "'{folder}' holds no town ({error}); choose the folder that mgf town made.", folder=folder, error=error
+            "'{folder}' holds no town ({error}); choose the folder that mgf town made.",
+            folder=folder,
+            error=reason(error),
         ) from error
     placement = read_placement(folder)
     if placement is None:

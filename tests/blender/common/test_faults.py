@@ -60,6 +60,15 @@ def test_an_operator_that_raises_is_one_sentence(ready, monkeypatch, capfd):
     assert "Traceback" in capfd.readouterr().err  # the console has the rest
 
 
+def test_sentences_of_operators_speak_of_buttons_and_name_a_path_once(ready, engine, tmp_path):
+    engine("full")
+    with pytest.raises(RuntimeError, match="free some space and press Resume"):
+        bpy.ops.mgf.reconstruct()
+    with pytest.raises(RuntimeError) as raised:
+        bpy.ops.mgf.import_prompts(filepath=str(tmp_path / "no.json"))
+    assert str(raised.value).count("no.json") == 1 and "(No such file or directory)" in str(raised.value)
+
+
 def test_faults_at_the_end_and_at_the_start_leave_no_job_behind(ready, monkeypatch):
     jobs = []
     for i in range(3):
