@@ -24,8 +24,12 @@ def reason(error: Exception) -> str:
 
 
 def sentence(error: Exception) -> str:
-    """Return what people read of an error: a ``UserError``'s own text; of a fault of ours the console has the rest."""
+    """Return what people read of an error: a ``UserError``'s own text, or what the system says of a file; of a fault of
+    ours the console has the rest."""
     if isinstance(error, UserError):
         return str(error)
+    if isinstance(error, OSError) and error.filename:
+        return tr("Cannot use '{path}' ({error}); check that it is there and yours.", path=error.filename,
+                  error=reason(error))  # fmt: skip
     traceback.print_exception(error)
     return tr("The add-on made a mistake ({error!r}); please report it with the text in the console.", error=error)

@@ -37,7 +37,7 @@ def may_be_section(obj: bpy.types.Object) -> bool:
 
 def add_section(tree: Tree, axis: str) -> bpy.types.Object:
     """Return a square through the middle of the mesh, or of the points where there is none."""
-    low, high = _bounds(tree)
+    from_world, (low, high) = tree.from_world(), _bounds(tree)
     size = 0.6 * float((high - low).max()) or 1.0
     corners = [(-size, -size, 0), (size, -size, 0), (size, size, 0), (-size, size, 0)]
     mesh = bpy.data.meshes.new(_NAME)
@@ -49,9 +49,8 @@ def add_section(tree: Tree, axis: str) -> bpy.types.Object:
     obj.parent = tree.root
     world = np.eye(4)
     world[:3, :3], world[:3, 3] = np.array(AXES[axis], float).T, (low + high) / 2
-    root = np.array(tree.root.matrix_world)
     obj.matrix_parent_inverse = Matrix.Identity(4)
-    obj.matrix_basis = Matrix((np.linalg.inv(root) @ world).tolist())
+    obj.matrix_basis = Matrix((from_world @ world).tolist())
     return obj
 
 
@@ -71,7 +70,7 @@ def section_texts(scene: bpy.types.Scene, tree: Tree) -> list[str]:
     root, texts, taken = np.array(tree.root.matrix_world, np.float64), list[str](), set[str]()
     for obj in find_sections(scene):
         point, normal = plane_of(obj)
-        inside = np.linalg.inv(root) @ np.append(point, 1.0)
+        inside = tree.from_world() @ np.append(point, 1.0)
         turned = root[:3, :3].T @ normal
         turned /= max(float(np.linalg.norm(turned)), 1e-300)
         numbers = ",".join(f"{v:.12g}" for v in (*(inside[:3] + tree.offset), *turned))
@@ -85,7 +84,11 @@ def plane_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     point, normal = np.zeros(3), np.array([0.0, 0.0, 1.0])
     if obj.type == "MESH" and len(obj.data.polygons) == 1:
         point, normal = (np.array(v) for v in (obj.data.polygons[0].center, obj.data.polygons[0].normal))
-    return world[:3, :3] @ point + world[:3, 3], np.linalg.inv(world[:3, :3]).T @ normal
+    x, y, z = world[:3, :3].T
+    # The cofactors turn normals as the inverse does, and are there for a plane that somebody scaled flat, too.
+    cofactors = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+    side = -1.0 if np.linalg.det(world[:3, :3]) < 0 else 1.0
+    return world[:3, :3] @ point + world[:3, 3], side * cofactors @ normal
 
 
 def _file_name(name: str, taken: set[str]) -> str:

@@ -28,7 +28,7 @@ def find_crop_box(tree: Tree | None) -> bpy.types.Object | None:
 
 def add_crop_box(tree: Tree) -> bpy.types.Object:
     """Return a box around the sparse points, level with the world; the one that is there is fitted anew."""
-    box = find_crop_box(tree)
+    from_world, box = tree.from_world(), find_crop_box(tree)
     if box is None:
         box = bpy.data.objects.new(_NAME, None)
         box[ROLE_KEY] = ROLE
@@ -43,7 +43,7 @@ def add_crop_box(tree: Tree) -> bpy.types.Object:
     matrix = np.diag([*half, 1.0])
     matrix[:3, 3] = (low + high) / 2
     box.matrix_parent_inverse = Matrix.Identity(4)
-    box.matrix_basis = Matrix((np.linalg.inv(root) @ matrix).tolist())
+    box.matrix_basis = Matrix((from_world @ matrix).tolist())
     return box
 
 
@@ -52,8 +52,7 @@ def crop_text(tree: Tree | None) -> str:
     box = find_crop_box(tree)
     if box is None or tree is None or tree.root is None:
         return ""
-    root, world = (np.array(o.matrix_world, np.float64) for o in (tree.root, box))
-    matrix = np.linalg.inv(root) @ world
+    matrix = tree.from_world() @ np.array(box.matrix_world, np.float64)
     matrix[:3, 3] += tree.offset
     matrix[3] = 0, 0, 0, 1
     return " ".join(f"{v:.12g}" for v in matrix.ravel())

@@ -87,6 +87,19 @@ class Tree:
         """The empty above all objects; None when the user deleted it."""
         return next((o for o in self.collection.objects if o.get(ROLE_KEY) == "root"), None)
 
+    def from_world(self) -> np.ndarray:
+        """Return the matrix from world coordinates to those of the empty, float64 [4, 4].
+
+        Raises:
+            UserError: the empty has no size.
+        """
+        try:
+            return np.linalg.inv(np.array(self.root.matrix_world, np.float64))
+        except np.linalg.LinAlgError as error:
+            raise UserError(
+                "'{name}' is scaled to zero; give it a size again, or import the scene again.", name=self.root.name
+            ) from error
+
     @property
     def offset(self) -> np.ndarray:
         """float64 [3], taken off all scene coordinates."""

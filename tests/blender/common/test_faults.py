@@ -69,6 +69,12 @@ def test_sentences_of_operators_speak_of_buttons_and_name_a_path_once(ready, eng
     assert str(raised.value).count("no.json") == 1 and "(No such file or directory)" in str(raised.value)
 
 
+def test_a_path_that_the_system_refuses_is_no_mistake_of_ours(ready):
+    ready.job_folder = "x" * 300
+    with pytest.raises(RuntimeError, match=r"Cannot use '.*' \(File name too long\)"):
+        bpy.ops.mgf.import_sfm()
+
+
 def test_faults_at_the_end_and_at_the_start_leave_no_job_behind(ready, monkeypatch):
     jobs = []
     for i in range(3):

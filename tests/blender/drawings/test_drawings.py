@@ -126,6 +126,17 @@ def test_a_plane_goes_through_the_mesh_and_not_through_the_gaussian_field(finish
     assert np.array(plane.matrix_world.translation) == pytest.approx(np.array(tree.root.matrix_world)[:3, 3], abs=1e-4)
 
 
+@pytest.mark.parametrize("scale", [(1, 1, 0), (2, 1, -3)])
+def test_a_plane_that_was_scaled_flat_or_mirrored_still_cuts(finished, house, scale):
+    bpy.ops.mesh.primitive_plane_add(location=(0, 0, 1), rotation=(0, np.pi / 2, 0))
+    bpy.context.object.scale = scale
+    bpy.ops.mgf.use_as_section()
+    bpy.ops.mgf.make_drawings()
+    root = np.array(Tree.find(bpy.context.scene).root.matrix_world)
+    normal = root[:3, :3] @ sections(house)["Plane"][3:]
+    assert normal / np.linalg.norm(normal) == pytest.approx([np.sign(scale[2]) or 1, 0, 0], abs=1e-5)
+
+
 def test_own_objects_are_sections_and_stay_when_they_are_none_any_more(finished, house):
     bpy.ops.mesh.primitive_plane_add(location=(0.5, 0, 1), rotation=(np.pi / 2, 0, 0))
     bpy.ops.object.empty_add(location=(0, 0.25, 0), rotation=(0, np.pi / 2, 0))

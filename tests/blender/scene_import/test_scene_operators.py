@@ -229,6 +229,14 @@ def test_crop_box_stands_around_the_points_in_scene_coordinates(tree, house):
         bpy.ops.mgf.select_crop_box()
 
 
+def test_a_scene_that_was_scaled_to_nothing_gets_no_box(tree):
+    tree.root.scale = 0, 0, 0
+    for operator in (bpy.ops.mgf.add_crop_box, bpy.ops.mgf.add_section):
+        with pytest.raises(RuntimeError, match="is scaled to zero"):
+            operator()
+    assert find_crop_box(tree) is None and "Section" not in bpy.data.objects
+
+
 def test_crop_box_of_a_far_scene(addon, tmp_path):
     shift = (389_123.25, 5_712_345.75, 120.0)
     house = synthetic.write_house(tmp_path / "utm", shift=shift)
