@@ -29,7 +29,8 @@ ROOMS = (
     *SUBJECTS,
     "mgf_blender",
 )
-OTHERS = {"--help", "--command", "--python", "--index-url", "--require-hashes", "--dist"}  # of Blender, pip, pytest
+#: Options of Blender, pip and pytest-xdist.
+OTHERS = {"--help", "--command", "--python", "--index-url", "--no-deps", "--require-hashes", "--dist"}
 SOURCES = "\n".join(
     path.read_text(encoding="utf-8")
     for folder in ("mgf_engine", "mgf_blender", "benchmarks", "tools", "tests")
