@@ -68,11 +68,11 @@ def scores(scene: Path, town: Path, thresholds: tuple[float, ...] = (0.1, 0.2)) 
     for name in dict.fromkeys([*truth, *found]):
         row = found.get(name)
         if row is None or row["job"] != "done":
-            verdict = "missed" if name in truth else "rightly left out"
-            rows.append({"id": name, "verdict": verdict})
+            outcome = "missed" if name in truth else "rightly left out"
+            rows.append({"id": name, "outcome": outcome})
             continue
         if name not in truth:
-            rows.append({"id": name, "verdict": "false"})
+            rows.append({"id": name, "outcome": "false"})
             continue
         job = town / "buildings" / name / "job"
         true = read_surface(scene / "buildings" / name / "truth.ply")
@@ -82,7 +82,7 @@ def scores(scene: Path, town: Path, thresholds: tuple[float, ...] = (0.1, 0.2)) 
             read_surface(job / "mesh.ply"), true, list(thresholds), ComparisonOptions(200_000, cameras)
         )
         rows.append({
-            "id": name, "verdict": "found", "f1": result.f1, "accuracy": result.accuracy,
+            "id": name, "outcome": "found", "f1": result.f1, "accuracy": result.accuracy,
             "completeness": result.completeness, "cpu": row["done"]["cpu_seconds"], "photos": len(row["photos"]),
             "confidence": row["done"]["confidence"],
         })  # fmt: skip
@@ -96,11 +96,11 @@ def main(argv: list[str]) -> int:
         make_clicks(scene, town, Path(argv[3]))
         return 0
     print(
-        f"{'building':<16}{'verdict':<18}{'F1 10 cm':>9}{'20 cm':>7}{'acc.':>7}{'compl.':>7}{'CPU s':>7}{'photos':>7}"
+        f"{'building':<16}{'outcome':<18}{'F1 10 cm':>9}{'20 cm':>7}{'acc.':>7}{'compl.':>7}{'CPU s':>7}{'photos':>7}"
     )
     for row in scores(scene, town):
-        text = f"{row['id']:<16}{row['verdict']:<18}"
-        if row["verdict"] == "found":
+        text = f"{row['id']:<16}{row['outcome']:<18}"
+        if row["outcome"] == "found":
             a, b = row["f1"]
             text += f"{a:>9.1f}{b:>7.1f}{row['accuracy'][1]:>7.1f}{row['completeness'][1]:>7.1f}"
             text += f"{row['cpu']:>7.0f}{row['photos']:>7}"

@@ -147,8 +147,8 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             draw_sentence(layout, task.output[-1], "CHECKMARK")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
-            *rows, (verdict, _) = _report_lines(task.output) or [("", "")]
-            draw_sentence(box, verdict, "CHECKMARK")
+            *rows, (summary, _) = _report_lines(task.output) or [("", "")]
+            draw_sentence(box, summary, "CHECKMARK")
             for name, value in rows:
                 if value:
                     draw_value(box, name, _in_panel_terms(value, self.engine_source == "MANAGED"))

@@ -137,15 +137,15 @@ class OpacityField:
         """Return the state of each point from the masks alone, uint8 [N], and the number of views that see it, [N]."""
         background, seen = np.zeros(len(points), np.int64), np.zeros(len(points), np.int64)
         for view, mask in zip(self.views, self.masks, strict=True):
-            verdict = kernel.locate(points, view, mask).verdict
-            background += verdict == kernel.BACKGROUND
-            seen += verdict == kernel.SEEN
+            visibility = kernel.locate(points, view, mask).visibility
+            background += visibility == kernel.BACKGROUND
+            seen += visibility == kernel.SEEN
         state = np.full(len(points), SOLID, np.uint8)
-        judging = seen + background if self.options.every_view else seen
-        state[judging == 0] = INVALID
+        voting = seen + background if self.options.every_view else seen
+        state[voting == 0] = INVALID
         if self.options.hull.carve:
             state[outside_hull(background, seen, self.options.hull)] = FREE
-        return state, judging
+        return state, voting
 
 
 def _without_background(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:

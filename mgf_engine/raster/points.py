@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mgf_engine.raster.cuda.points import DevicePoints
 
 OUTSIDE, INSIDE, IGNORE = 0, 1, 2  # of a mask as these kernels read it
-BACKGROUND, SEEN, UNSEEN = 0, 1, 2  # verdict of a view on a point
+BACKGROUND, SEEN, UNSEEN = 0, 1, 2  # visibility of a point in a view
 NEAR = Camera.near  # nothing nearer to the camera counts, normalised frame
 
 BLOCKS = 16  # blocks of 4 x 4 pixels in a tile
@@ -37,12 +37,12 @@ class Located:
 
     Attributes:
         place: float32 [N, 3], (u, v, depth); undefined for points not SEEN.
-        verdict: uint8 [N], SEEN (on INSIDE), BACKGROUND (on OUTSIDE) or UNSEEN (out of frame, behind, on IGNORE).
+        visibility: uint8 [N], SEEN (on INSIDE), BACKGROUND (on OUTSIDE) or UNSEEN (out of frame, behind, on IGNORE).
         block: int32 [N], tile * 16 + block of 4 x 4 pixels in the tile; -1 for points not SEEN.
     """
 
     place: NDArray[np.float32]
-    verdict: NDArray[np.uint8]
+    visibility: NDArray[np.uint8]
     block: NDArray[np.int32]
 
 
@@ -52,7 +52,7 @@ def locate(points: NDArray[np.float32], view: View, mask: NDArray[np.uint8]) -> 
     count = len(points)
     found = Located(np.empty((count, 3), np.float32), np.empty(count, np.uint8), np.empty(count, np.int32))
     camera = (*pose_and_intrinsics(view), NEAR, mask, view.height, view.width)
-    parallel("mgf_locate_points", count, points, *camera, found.place, found.verdict, found.block)
+    parallel("mgf_locate_points", count, points, *camera, found.place, found.visibility, found.block)
     return found
 
 
@@ -105,7 +105,7 @@ class PointOpacity:
             stop: transmittance at which the exact value no longer matters.
 
         Returns:
-            uint8 [N], the verdict of :class:`Located`; points SEEN were asked for.
+            uint8 [N], the visibility of :class:`Located`; points SEEN were asked for.
 
         Raises:
             MemoryError: the work needs more than is free.
@@ -128,7 +128,7 @@ class PointOpacity:
             )
             if failed[0]:
                 raise MemoryError("Not enough memory for the opacity of points; use fewer Gaussians.")
-        return where.verdict
+        return where.visibility
 
     def _front(self, view: View) -> NDArray[np.float32]:
         """Return depth [n] before which each Gaussian contributes less than 1/255."""

@@ -150,7 +150,7 @@ def test_no_points(setting):
         assert make(kind, setting).classify(np.zeros((0, 3))).shape == (0,)
 
 
-def test_judging_mask():
+def test_silhouette_mask():
     labels = np.zeros((20, 30), np.uint8)
     labels[5:15, 5:15] = 7
     labels[:, 25:] = IGNORE

@@ -43,10 +43,10 @@ def view(distance: float = 4.0, width: int = 97, height: int = 71, focal: float 
 def ask(gaussians, points, camera, stop=1e-4, mask=None, backend="cpu"):
     lowest = np.full((len(points), 2), 2.0, np.float32)
     mask = np.full((camera.height, camera.width), INSIDE, np.uint8) if mask is None else mask
-    verdict = PointOpacity(gaussians.to(device_of(backend)), backend).lower(
+    visibility = PointOpacity(gaussians.to(device_of(backend)), backend).lower(
         lowest, points.astype(np.float32), camera, mask, stop
     )
-    return lowest, verdict
+    return lowest, visibility
 
 
 def cloud(count: int = 800, seed: int = 1, size: float = 0.8) -> np.ndarray:
@@ -74,8 +74,8 @@ def backend(request: pytest.FixtureRequest) -> str:
 @pytest.mark.parametrize("distance", [4.0, 0.3])  # 0.3: among the Gaussians, some behind and some near the camera
 def test_matches_the_reference(name, distance, backend):
     camera, points = view(distance), cloud().astype(np.float32).astype(np.float64)
-    lowest, verdict = ask(FIELDS[name], points, camera, backend=backend)
-    seen = verdict == SEEN
+    lowest, visibility = ask(FIELDS[name], points, camera, backend=backend)
+    seen = visibility == SEEN
     assert seen.sum() > 50
     expected = opacity_of_points(points[seen], FIELDS[name], camera, NEAR).numpy()
     error = np.abs(lowest[seen, 0] - expected)
@@ -89,8 +89,8 @@ def test_pancakes_facing_away_and_edge_on(backend):
     flat.log_scales[:, 2] = np.log(1e-4)
     flat.filter_3d[:] = 1e-4
     camera, points = view(), cloud().astype(np.float32).astype(np.float64)
-    lowest, verdict = ask(flat, points, camera, backend=backend)
-    seen = verdict == SEEN
+    lowest, visibility = ask(flat, points, camera, backend=backend)
+    seen = visibility == SEEN
     expected = opacity_of_points(points[seen], flat, camera, NEAR).numpy()
     # discs 0.002 of their size thick: float32 depths of points near their plane carry errors of 1e-7 / 1e-4 deviations
     assert np.quantile(np.abs(lowest[seen, 0] - expected), 0.98) < 1e-2
@@ -99,8 +99,8 @@ def test_pancakes_facing_away_and_edge_on(backend):
 @pytest.mark.parametrize("size", [(1, 1), (17, 16), (33, 50), (160, 7)])
 def test_odd_image_sizes(size, backend):
     camera, points = view(4.0, *size, focal=30.0), cloud().astype(np.float32).astype(np.float64)
-    lowest, verdict = ask(FIELDS["many"], points, camera, backend=backend)
-    seen = verdict == SEEN
+    lowest, visibility = ask(FIELDS["many"], points, camera, backend=backend)
+    seen = visibility == SEEN
     expected = opacity_of_points(points[seen], FIELDS["many"], camera, NEAR).numpy()
     error = np.abs(lowest[seen, 0] - expected)
     assert seen.any() and np.median(error) < TOLERANCE and error.max() < 2.1 / 255
@@ -146,14 +146,14 @@ def test_more_list_entries_than_32_bits_count_are_refused():
         ask(wide, np.stack([x, y, np.ones_like(x)], 1), camera)
 
 
-def test_verdicts_of_the_mask():
+def test_visibility_by_the_mask():
     camera = view()
     mask = np.full((camera.height, camera.width), OUTSIDE, np.uint8)
     mask[:, 30:60] = INSIDE
     mask[:, 60:] = IGNORE
     points = np.array([[0, 0, 0], [-1.5, 0, 0], [1.5, 0, 0], [0, 0, -9], [50, 0, 0]], np.float32)
     located = locate(points, camera, mask)
-    assert located.verdict.tolist() == [SEEN, BACKGROUND, UNSEEN, UNSEEN, UNSEEN]
+    assert located.visibility.tolist() == [SEEN, BACKGROUND, UNSEEN, UNSEEN, UNSEEN]
     assert (located.block >= 0).tolist() == [True, False, False, False, False]
     uv, depth = camera.project(points[:1].astype(np.float64))
     assert np.allclose(located.place[0], [*uv[0], depth[0]], atol=1e-4)
@@ -163,8 +163,8 @@ def test_no_points_and_nothing_drawn(backend):
     empty = np.zeros((0, 3))
     assert ask(FIELDS["many"], empty, view(), backend=backend)[0].shape == (0, 2)
     faint = field(50, 8, 0.1, opacity=-20.0)
-    lowest, verdict = ask(faint, cloud(100), view(), backend=backend)
-    assert (lowest[verdict == SEEN, 0] == 0).all()
+    lowest, visibility = ask(faint, cloud(100), view(), backend=backend)
+    assert (lowest[visibility == SEEN, 0] == 0).all()
 
 
 def test_mask_of_another_size_is_refused():

@@ -51,7 +51,7 @@ class DevicePoints:
             stop: transmittance at which the exact value no longer matters.
         """
         n, tiles = len(points), -(-view.width // TILE) * -(-view.height // TILE)
-        place, verdict, keys = self._locate(points, view, mask, near)
+        place, visibility, keys = self._locate(points, view, mask, near)
         sorted_keys, order = self._rasterizer.sort(keys, None, (tiles * _INNERS).bit_length())
         starts, wanted = self._empty(torch.int32, tiles + 1), self._empty(torch.uint8, tiles)
         self._launcher.launch("points_starts", blocks(n + 1), n, tiles, sorted_keys, starts)
@@ -61,20 +61,20 @@ class DevicePoints:
         given = (lists.packed, self._front(view), place, order, starts, float(near), float(stop), low)
         self._launcher.launch("points_opacity", tiles, *given)
         lowest[:] = low.cpu().numpy()
-        found: NDArray[np.uint8] = verdict.cpu().numpy()
+        found: NDArray[np.uint8] = visibility.cpu().numpy()
         return found
 
     def _locate(
         self, points: NDArray[np.float32], view: View, mask: NDArray[np.uint8], near: float
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return place, verdict and sort key of every point."""
+        """Return place, visibility and sort key of every point."""
         n = len(points)
         pose = np.concatenate(pose_and_intrinsics(view)).tobytes()
-        place, verdict = self._empty(torch.float32, n, 3), self._empty(torch.uint8, n)
+        place, visibility = self._empty(torch.float32, n, 3), self._empty(torch.uint8, n)
         keys, labels = self._empty(torch.int32, n), self._upload(torch.from_numpy(np.ascontiguousarray(mask)))
         given = (n, self._upload(torch.from_numpy(points)), pose, float(near), labels, view.height, view.width)
-        self._launcher.launch("points_locate", blocks(n), *given, place, verdict, keys)
-        return place, verdict, keys
+        self._launcher.launch("points_locate", blocks(n), *given, place, visibility, keys)
+        return place, visibility, keys
 
     def _grown(self, view: View, wanted: Tensor) -> Projection:
         """Return the field as the view sees it, with footprints grown to points between pixel centres."""
