@@ -163,6 +163,14 @@ def edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64
     return key, np.repeat(np.arange(len(faces)), 3)
 
 
+def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return pairs of faces that share an edge, [E, 2]."""
+    key, owner = edges(faces)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(np.diff(key[order]) == 0)
+    return np.stack([owner[order[same]], owner[order[same + 1]]], 1)
+
+
 def open_edges(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return edges with one face only, in the direction of that face."""
     alone = mesh.adjacency.open_edges()

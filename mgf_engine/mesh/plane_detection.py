@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.geometry.clean import edges, face_areas
+from mgf_engine.geometry.clean import face_areas, face_neighbours
 from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import face_normals
@@ -82,10 +82,7 @@ def measure_faces(mesh: Mesh, pixel: NDArray[np.float64], options: PlanarOptions
     normal = unit_vectors(mesh.adjacency.vertex_normals(at))
     for _ in range(options.normal_rounds):
         normal = mesh.adjacency.smooth(normal, np.zeros(len(at), bool))
-    key, face = edges(mesh.faces)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(key[order][1:] == key[order][:-1])
-    pairs = np.stack([face[order[same]], face[order[same + 1]]])
+    pairs = np.ascontiguousarray(face_neighbours(mesh.faces).T)
     size = pixel[mesh.faces].mean(1)
     area = face_areas(mesh) / size**2
     return MeshFaces(mesh, at[mesh.faces].mean(1), unit_vectors(normal[mesh.faces].sum(1)), size, area, pairs)

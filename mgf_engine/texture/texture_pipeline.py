@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.clean import face_areas
+from mgf_engine.geometry.clean import face_areas, face_neighbours
 from mgf_engine.geometry.rasterize import corners
 from mgf_engine.mesh.screening import voting_views
 from mgf_engine.model.masks import MaskSet, building
@@ -21,7 +21,7 @@ from mgf_engine.texture.charts import ChartOptions, lay_out
 from mgf_engine.texture.model import NO_VIEW, painting_views
 from mgf_engine.texture.painting import Originals, Painting
 from mgf_engine.texture.seams import SeamOptions, level_seams
-from mgf_engine.texture.view_selection import ViewSelectionOptions, choose_views, face_neighbours, patches
+from mgf_engine.texture.view_selection import ViewSelectionOptions, choose_views, patches
 from mgf_engine.texture.visibility import VisibilityOptions, find_face_views
 
 log = logging.getLogger("mgf")

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.geometry.clean import edges
 from mgf_engine.geometry.components import label_components
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.visibility import FaceViews, VisibilityOptions
@@ -51,14 +50,6 @@ def choose_views(
     for step in range(options.rounds):
         label = _smooth_labels(label, neighbours, shows, step % 2)
     return _without_small(label, neighbours, shows, best, options)
-
-
-def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return pairs of faces that share an edge, [E, 2]."""
-    key, owner = edges(faces)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(np.diff(key[order]) == 0)
-    return np.stack([owner[order[same]], owner[order[same + 1]]], 1)
 
 
 class _Pairs:

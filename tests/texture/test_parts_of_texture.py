@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.analytic import ball, camera, ring
 
+from mgf_engine.geometry.clean import face_neighbours
 from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.texture.charts import CELL, ChartOptions, lay_out, pack
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
-from mgf_engine.texture.view_selection import choose_views, face_neighbours, patches
+from mgf_engine.texture.view_selection import choose_views, patches
 from mgf_engine.texture.visibility import FaceViews, VisibilityOptions, _FaceViewCollector, find_face_views
 
 SIDE = 12
