@@ -21,7 +21,7 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.roots import choose_held_out
-from mgf_engine.scene.store import read_scene
+from mgf_engine.scene.store import read_saved_scene
 
 
 def load_scene_of(job: Job) -> Scene:
@@ -30,7 +30,7 @@ def load_scene_of(job: Job) -> Scene:
     Which views are kept out of training is the field's matter: the scene may have been made under another choice.
     """
     with _made_by(job, "scene"):
-        scene = read_scene(job.path("scene"))
+        scene = read_saved_scene(job.path("scene"))
     return replace(scene, held_out=choose_held_out(len(scene.views), scene.roots, job.config.holdout_every))
 
 

@@ -38,9 +38,9 @@ def _prepare_scene(folder: Path) -> None:
 
 
 def _read_scene(folder: Path) -> Any:
-    from mgf_engine.scene.store import read_scene
+    from mgf_engine.scene.store import read_saved_scene
 
-    scene = read_scene(folder)
+    scene = read_saved_scene(folder)
     for index in range(len(scene.views)):
         if folder.resolve() not in (folder / scene.views[index].file).resolve().parents:
             raise AssertionError(f"leads out of the folder: {scene.views[index].file}")

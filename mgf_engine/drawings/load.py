@@ -25,7 +25,7 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.gravity import GravityOptions, find_up
-from mgf_engine.scene.store import read_scene
+from mgf_engine.scene.store import read_saved_scene
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def read_survey(folder: Path, georeference: Georeference | None = None, options:
     read_job(folder)
     if not (folder / "mesh.ply").is_file():
         raise BadInput(f"The job in '{folder}' has no mesh yet; run 'mgf reconstruct' to its end first.")
-    scene = read_scene(folder / "scene")
+    scene = read_saved_scene(folder / "scene")
     masks = read_masks(folder / "masks", scene)
     mesh, georeference = read_ply(folder / "mesh.ply"), georeference or read_georeference(folder)
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))

@@ -26,7 +26,7 @@ from mgf_engine.georef.similarity import applied
 from mgf_engine.georef.triangulate import TriangulatedPoint, place_points, project_point
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, View
-from mgf_engine.scene.store import read_scene
+from mgf_engine.scene.store import read_saved_scene
 from mgf_engine.system import write_json
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def write_places(job: Path, user_options: Mapping[str, Any], out: Path, reporter
     options = make_config(dict(user_options)).algorithm(GeoreferenceOptions)
     if not options.control:
         raise BadInput("--predict needs control points; give them with --control FILE.")
-    scene, georeference = read_scene(job / "scene"), read_georeference(job)
+    scene, georeference = read_saved_scene(job / "scene"), read_georeference(job)
     names = [view.name for view in scene.views]
     control = read_points(Path(options.control), names, options.point.accuracy)
     marks = control.marks

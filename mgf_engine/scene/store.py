@@ -43,7 +43,7 @@ def save_scene(scene: Scene) -> None:
     put_in_place(temporary, scene.folder / FILE)
 
 
-def read_scene(folder: Path) -> Scene:
+def read_saved_scene(folder: Path) -> Scene:
     """Read the scene that :func:`save_scene` wrote.
 
     Raises:

@@ -27,7 +27,7 @@ log = logging.getLogger("mgf")
 _BATCH = 8  # photos whose points are added up together
 
 
-def dense_points(
+def find_stereo_points(
     views: StartViews,
     masks: MaskSet,
     options: DenseOptions,

@@ -15,7 +15,7 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.start.block_cuts import cut_in_blocks
-from mgf_engine.start.dense import dense_points
+from mgf_engine.start.dense import find_stereo_points
 from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.lines import find_lines
 from mgf_engine.start.options import StartOptions
@@ -84,7 +84,7 @@ def start_surface(
         views = start_views(scene, masks, indices, options.views)
     begin("dense")
     with times.part("dense"):
-        dense = dense_points(views, masks, options.dense, options.smoothing, threads, reporter.check)
+        dense = find_stereo_points(views, masks, options.dense, options.smoothing, threads, reporter.check)
     begin("lines")
     with times.part("lines"):
         blur = options.segments.aliased_blur if dense.aliased else 0.0

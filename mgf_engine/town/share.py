@@ -16,7 +16,7 @@ from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.colmap import find_model, find_photos, read_model
 from mgf_engine.scene.load import build_scene
 from mgf_engine.scene.photos import plan_photos
-from mgf_engine.scene.store import FILE, read_scene, save_scene
+from mgf_engine.scene.store import FILE, read_saved_scene, save_scene
 from mgf_engine.system import cpu_seconds
 
 _SAME = 1e-6  # of intrinsics in pixels, relative
@@ -38,7 +38,7 @@ def take_scene(job: Job, shared: Path) -> bool:
         return False
     began, cpu = time.perf_counter(), cpu_seconds()
     try:
-        whole = {view.name: view for view in read_scene(shared).views}
+        whole = {view.name: view for view in read_saved_scene(shared).views}
         model_folder = find_model(job.source, job.folder)
         if model_folder is None:
             return False

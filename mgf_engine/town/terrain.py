@@ -61,13 +61,13 @@ def make_terrain(town: Path) -> dict[str, Any]:
     Raises:
         BadInput: the plan or the scene is gone, or too few points show the ground.
     """
-    from mgf_engine.scene.store import read_scene
+    from mgf_engine.scene.store import read_saved_scene
     from mgf_engine.texture.texture_pipeline import make_texture
 
     began, cpu = time.perf_counter(), cpu_seconds()
     plan, georeference = read_plan(town), read_georeference(town)
     metre = float(plan["metre"])
-    scene = read_scene(town / SCENE / "scene")
+    scene = read_saved_scene(town / SCENE / "scene")
     hulls = read_hulls(town, plan)
     points = local_points(scene, georeference)
     options = with_algorithms_of_job(town / SCENE, {}).algorithm(TerrainOptions)

@@ -21,7 +21,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.models.make import make_models
 from mgf_engine.models.work import ModelOptions
-from mgf_engine.scene.store import read_scene
+from mgf_engine.scene.store import read_saved_scene
 from mgf_engine.texture.texture_pipeline import make_texture
 
 CORNER = (500_300.0, 5_500_200.0, 100.0)  # of the house, in UTM
@@ -48,7 +48,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> FinishedJob:
     made = finish_job(tmp_path_factory.mktemp("house for models"))
     mesh = fine_house(made.house.mesh)
     write_ply(mesh, made.folder / "mesh.ply")
-    scene = read_scene(made.folder / "scene")
+    scene = read_saved_scene(made.folder / "scene")
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     texture = make_texture(normalised, scene, read_masks(made.folder / "masks", scene), 512, lambda text: None)
     write_texture(texture, made.folder)

@@ -25,7 +25,7 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.lod import LodOptions, measure_deviation, reduce_chain, silhouette_overlap
 from mgf_engine.models.make import make_models
 from mgf_engine.models.work import ModelOptions
-from mgf_engine.scene.store import read_scene
+from mgf_engine.scene.store import read_saved_scene
 from mgf_engine.texture.draw import draw_textured
 from tests.models.conftest import CORNER, fine_house
 
@@ -70,7 +70,7 @@ def test_the_error_is_that_of_an_independent_measurement(index: dict[str, Any], 
 
 
 def test_a_coarse_level_looks_like_the_full_mesh(job: FinishedJob, models: Path, index: dict[str, Any]) -> None:
-    scene, to_scene = read_scene(job.folder / "scene"), np.array(index["to_scene"])
+    scene, to_scene = read_saved_scene(job.folder / "scene"), np.array(index["to_scene"])
     pictures = []
     for k in (0, 2, 3):
         mesh, texture = read_level(models / f"mesh_lod{k}.glb")

@@ -32,7 +32,7 @@ from mgf_engine.job import Job
 from mgf_engine.model.scene import Scene
 from mgf_engine.results import load_scene_of
 from mgf_engine.scene.load import load_scene
-from mgf_engine.scene.store import FILE, read_scene
+from mgf_engine.scene.store import FILE, read_saved_scene
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_whole_stage(kind: str, tmp_path: Path) -> None:
     for index, view in enumerate(scene.views):
         assert scene.photo(index).shape == (view.height, view.width, 3)
         assert (view.original_width, view.original_height) == SIZE
-    assert_same(scene, read_scene(tmp_path / "job" / "scene"))
+    assert_same(scene, read_saved_scene(tmp_path / "job" / "scene"))
     fractions = [m["fraction"] for m in messages.sent if m["type"] == "progress"]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
     # These photos have no edges, their colours belong to rays and not to points, and they are few; no more is said.
@@ -106,7 +106,7 @@ def test_names(name: str, tmp_path: Path) -> None:
     model.images[1].name = name
     scene = load(write_scene(model, tmp_path / "Ordner \u00fc \u5c4b"), tmp_path / "Aus gabe \u00f1")
     assert name in [view.name for view in scene.views]
-    assert read_scene(scene.folder).photo(0).ndim == 3
+    assert read_saved_scene(scene.folder).photo(0).ndim == 3
 
 
 @pytest.mark.parametrize("factor", [0.5, 3.0])
@@ -275,7 +275,7 @@ def test_a_job_goes_on_without_missing_and_damaged_photos(
     (warning,) = [text for text in messages.warnings if "cannot be read" in text]
     named = ", ".join(f"'{name}'" for name in names)
     assert warning.startswith(f"{len(names)} of 5 photos are missing or cannot be read and are left out ({named}); put")
-    assert_same(scene, read_scene(scene.folder))
+    assert_same(scene, read_saved_scene(scene.folder))
 
 
 def test_a_damaged_photo_is_not_asked_how_it_is_turned(tmp_path: Path) -> None:
@@ -310,7 +310,7 @@ def test_a_failure_takes_an_earlier_scene_away(source: Path, tmp_path: Path) -> 
     with pytest.raises(BadInput):
         load(source, tmp_path / "job")
     with pytest.raises(BadInput, match="cannot be used"):
-        read_scene(tmp_path / "job" / "scene")
+        read_saved_scene(tmp_path / "job" / "scene")
 
 
 def test_not_a_folder(tmp_path: Path) -> None:
@@ -353,18 +353,18 @@ def test_damaged_stores_are_refused(source: Path, tmp_path: Path) -> None:
     for length in [*range(0, len(data), 97), len(data) - 1]:
         path.write_bytes(data[:length])
         with pytest.raises(BadInput, match="cannot be used"):
-            read_scene(folder)
+            read_saved_scene(folder)
     for at in range(0, len(data), 61):
         path.write_bytes(data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :])
         try:
-            read_scene(folder)  # a few bytes of the archive's bookkeeping carry no meaning
+            read_saved_scene(folder)  # a few bytes of the archive's bookkeeping carry no meaning
         except BadInput as error:
             assert "cannot be used" in str(error)
     path.write_bytes(data)
-    photo = folder / read_scene(folder).views[1].file
+    photo = folder / read_saved_scene(folder).views[1].file
     photo.unlink()
     with pytest.raises(BadInput, match="missing or of another size"):
-        read_scene(folder)
+        read_saved_scene(folder)
 
 
 def test_stored_objects_are_not_executed(source: Path, tmp_path: Path) -> None:
@@ -373,4 +373,4 @@ def test_stored_objects_are_not_executed(source: Path, tmp_path: Path) -> None:
     arrays["points"] = np.array([{"a": 1}], object)
     np.savez(folder / FILE, **arrays)
     with pytest.raises(BadInput, match="cannot be used"):
-        read_scene(folder)
+        read_saved_scene(folder)

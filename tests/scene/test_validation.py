@@ -20,7 +20,7 @@ from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.model.scene import Scene
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.load import load_scene
-from mgf_engine.scene.store import read_scene
+from mgf_engine.scene.store import read_saved_scene
 from mgf_engine.scene.validation import (
     diagnose,
     drop_views,
@@ -66,7 +66,7 @@ def test_foreign_photos_are_left_out_by_name_and_their_clicks_passed_over(
     assert len(scene.views) == PHOTOS - count
     assert f"{count} of {PHOTOS} photos" in warnings[0]
     assert sorted(changed)[0] in warnings[0]
-    again = read_scene(scene.folder)
+    again = read_saved_scene(scene.folder)
     assert again.left_out == scene.left_out
     clicks = json.loads((folder / "prompts.json").read_text())
     clicks[sorted(changed)[0]] = {"positive": [[5, 5]]}

@@ -11,7 +11,7 @@ from support.moire import CENTRES, DISTANCE, STEREO, add_moire
 from support.wall import make_wall
 
 from mgf_engine.scene.coarse_stereo import CoarseStereoOptions
-from mgf_engine.start.dense import DensePoints, dense_points
+from mgf_engine.start.dense import DensePoints, find_stereo_points
 from mgf_engine.start.options import DenseOptions, PointSmoothingOptions, ViewOptions
 from mgf_engine.start.views import start_views
 
@@ -21,7 +21,7 @@ def points_of(folder: Path, moire: bool, coarse: CoarseStereoOptions) -> DensePo
     if moire:
         add_moire(scene)
     views = start_views(scene, masks, range(len(CENTRES)), ViewOptions())
-    return dense_points(
+    return find_stereo_points(
         views, masks, DenseOptions(stereo=STEREO, coarse=coarse), PointSmoothingOptions(), 2, lambda: None
     )
 
