@@ -15,10 +15,12 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.model.scene import Scene
+from mgf_engine.model.scene import Scene, most_pixels
+from mgf_engine.native.parallel import parallel_map
 
 _CHUNK = 1 << 16  # samples that are computed at a time, which bounds the memory
 _BATCH = 1 << 20  # samples whose pairs of neighbours are in memory at a time
+_BYTES_PER_PIXEL, _BYTES_PER_POINT = 30, 150  # while a view is drawn
 
 
 @dataclass(frozen=True)
@@ -156,10 +158,14 @@ def _shown(mesh: Mesh, scene: Scene, indices: Sequence[int]) -> NDArray[np.bool_
     """Tell which faces at least one photo shows from the front, bool [F]."""
     result, normals = np.zeros(len(mesh.faces), bool), face_normals(mesh)
     middle = mesh.vertices[mesh.faces].mean(1)
-    for i in indices:
-        face = render_mesh(mesh, scene.views[i]).face
+
+    def shown(index: int) -> NDArray[np.int32]:
+        face = render_mesh(mesh, scene.views[index]).face
         seen = np.unique(face[face >= 0])
-        result[seen[((scene.views[i].centre - middle[seen]) * normals[seen]).sum(1) > 0]] = True
+        return seen[((scene.views[index].centre - middle[seen]) * normals[seen]).sum(1) > 0]
+
+    for faces in parallel_map(shown, indices, bytes_each=_BYTES_PER_PIXEL * most_pixels(scene.views)):
+        result[faces] = True
     return result
 
 
@@ -187,8 +193,10 @@ def _colors(
         colours uint8 [N, 3], and whether enough photos show each point, bool [N].
     """
     total, weight, views = np.zeros((len(points), 3)), np.zeros(len(points)), np.zeros(len(points), int)
-    for i in indices:
-        view = scene.views[i]
+
+    def seen(index: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.uint8]]:
+        """Return the points that a view shows, how frontally, and the colours around them."""
+        view = scene.views[index]
         away = view.centre - points
         facing = (away * normals).sum(1) / np.maximum(np.linalg.norm(away, axis=1), 1e-12)
         rows = np.flatnonzero(facing > options.least_facing)
@@ -197,11 +205,16 @@ def _colors(
         rows, at, depth = rows[framed], (row, column), depth[framed]
         surface = render_mesh(mesh, view).depth[at]
         shown = (surface > 0) & (np.abs(surface - depth) < options.depth_tolerance * depth)
-        if not shown.any():
-            continue
+        rows = rows[shown]
+        if not len(rows):
+            return rows, facing[rows], np.zeros((0, 3), np.uint8)
         size = max(1, round(spacing * view.fx / float(np.median(depth[shown]))))  # px that a sample stands for
-        total[rows[shown]] += facing[rows[shown], None] * cv2.blur(scene.photo(i), (size, size))[at][shown]
-        weight[rows[shown]] += facing[rows[shown]]
-        views[rows[shown]] += 1
+        return rows, facing[rows], cv2.blur(scene.photo(index), (size, size))[at][shown]  # type: ignore[return-value]
+
+    each = _BYTES_PER_PIXEL * most_pixels(scene.views) + _BYTES_PER_POINT * len(points)
+    for rows, facing, color in parallel_map(seen, indices, bytes_each=each):
+        total[rows] += facing[:, None] * color
+        weight[rows] += facing
+        views[rows] += 1
     colors = total / np.maximum(weight, 1e-12)[:, None]
     return np.clip(colors.round(), 0, 255).astype(np.uint8), views >= options.least_views
