@@ -35,7 +35,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.texture.texture_pipeline import choose_painting
 
 Array = NDArray[np.float64]
-_GAP = 0.08  # metres bridged in upright sections of the true mesh: its walls end below the roof
+_GAP = 0.3  # metres bridged in upright sections of the true mesh: its walls end below the roof
 _BESIDE = 0.12  # metres from a corner to the wall beside it
 _REVEAL = 0.6  # metres, deepest reveal of an opening
 
@@ -108,7 +108,7 @@ def orthophoto_offsets(survey: Survey, scene: Path, openings: Sequence[Array], t
         truth: the true mesh.
     """
     painting = choose_painting(survey.normalised, survey.scene, survey.masks)
-    visibility, mesh = Visibility(survey, painting), Surface(survey.mesh.vertices, survey.mesh.faces)
+    visibility, mesh = Visibility(survey, painting), Surface(survey.mesh.vertices, survey.mesh.faces.astype(np.int64))
     true = {Path(i.name).stem: i for i in pycolmap.Reconstruction(str(scene / "sparse_truth")).images.values()}
     turn = survey.turn @ survey.georeference.rotation
     offsets = []
@@ -131,14 +131,16 @@ def orthophoto_offsets(survey: Survey, scene: Path, openings: Sequence[Array], t
 def _sees(image: pycolmap.Image, corner: Array, truth: Surface) -> bool:
     """Tell whether nothing stands between a true camera and a corner."""
     begin = image.projection_center()
-    face, _ = truth.first_hits(begin, (0.995 * (corner - begin))[None])
-    return bool(face[0] < 0)
+    face, share = truth.first_hits(begin, (corner - begin)[None])
+    return bool(face[0] < 0 or share[0] > 0.995)
 
 
 def _shown_at(survey: Survey, view: View, image: pycolmap.Image, corner: Array, mesh: Surface) -> Array | None:
     """Return the point of the job's mesh [3] that has the colours of a true corner; None beside the mesh."""
-    pixel = np.array(image.camera.img_from_cam(image.cam_from_world() * corner))
-    x, y = pixel * (view.width / image.camera.width, view.height / image.camera.height)
+    camera = image.camera
+    assert camera is not None
+    pixel = np.array(camera.img_from_cam(image.cam_from_world() * corner))
+    x, y = pixel * (view.width / camera.width, view.height / camera.height)
     ray = view.rotation.T @ np.array([(x - view.cx) / view.fx, (y - view.cy) / view.fy, 1.0])
     begin, end = survey.local(survey.scene.to_normalised.invert(np.stack([view.centre, view.centre + 50.0 * ray])))
     face, share = mesh.first_hits(begin, (end - begin)[None])
