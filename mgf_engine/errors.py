@@ -84,6 +84,8 @@ def explain(
         if folder is None:
             return EXIT_BAD_INPUT, f"The disk is full; free some space and {again}."
         return EXIT_BAD_INPUT, f"The disk of '{folder}' is full; free some space and {again}."
+    if isinstance(error, FileNotFoundError) and error.filename is None:  # where a relative path begins
+        return EXIT_BAD_INPUT, "The current folder is gone; go to another one."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
         return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its permissions or give another folder."
     if isinstance(error, OSError) and error.errno in _BAD_PATH:

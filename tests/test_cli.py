@@ -127,6 +127,16 @@ def test_an_encoding_that_lacks_letters_of_a_path_is_named(tmp_path: Path) -> No
     assert run.returncode == 2 and "PYTHONUTF8=1" in run.stderr and "Traceback" not in run.stderr
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows keeps the folder that a program is in")
+@pytest.mark.parametrize("arguments", ["scene photos --out job", "bench smoke"])
+def test_a_current_folder_that_is_gone_is_said(tmp_path: Path, arguments: str) -> None:
+    (tmp_path / "gone").mkdir()
+    command = f"rmdir ../gone; '{sys.executable}' -m mgf_engine {arguments}"
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[1])}
+    run = subprocess.run(["sh", "-c", command], cwd=tmp_path / "gone", env=environment, capture_output=True, text=True)
+    assert (run.returncode, run.stderr.splitlines()[-1]) == (2, "Error: The current folder is gone; go to another one.")
+
+
 def test_a_kernel_variant_that_cannot_run_is_refused_before_any_work(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     args = ("scene", tmp_path / "photos", "--out", tmp_path / "job", "--progress", "json")
