@@ -113,7 +113,9 @@ def cpu_name() -> str:
 
 
 def user_cache() -> Path:
-    """Return the user's folder for what can be made again."""
+    """Return the user's folder for what can be made again; ``MGF_CACHE`` names another one."""
+    if os.environ.get("MGF_CACHE"):
+        return Path(os.environ["MGF_CACHE"])
     if os.name == "nt":
         base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     elif sys.platform == "darwin":

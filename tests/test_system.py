@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from mgf_engine import system
+from mgf_engine.masks.segmenters.download import default_folder
+from mgf_engine.native.cuda.gpu import cache_folder
 from mgf_engine.system import atomic_path, peak_memory, versions, write_json
 
 
@@ -64,3 +66,10 @@ def test_a_program_started_by_a_large_one_is_not_taken_for_large() -> None:
     )
     run = subprocess.run([sys.executable, "-c", parent], capture_output=True, text=True, check=True)
     assert 10 << 20 < int(run.stdout) < 400 << 20
+
+
+def test_all_that_is_cached_goes_where_the_variable_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page on the command line says so of the whole folder; the variable moved compiled GPU kernels alone."""
+    monkeypatch.setenv("MGF_CACHE", str(tmp_path))
+    places = (system.user_cache(), default_folder().parent, cache_folder().parent)
+    assert set(places) == {tmp_path}

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -133,9 +132,7 @@ class GpuLauncher:
 
 
 def cache_folder() -> Path:
-    """Return where compiled kernels are kept; ``MGF_CACHE`` names another folder than the user's."""
-    if os.environ.get("MGF_CACHE"):
-        return Path(os.environ["MGF_CACHE"]) / "kernels"
+    """Return where compiled kernels are kept."""
     return user_cache() / "kernels"
 
 
