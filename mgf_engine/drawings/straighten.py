@@ -231,7 +231,7 @@ def _join(members: list[tuple[Stroke, int]], place: Array, pixel: float, options
                 members[k][0].points[members[k][1]] = points[-1]
         for k, (stroke, end) in enumerate(members):
             if k not in own:
-                away = np.linalg.norm(np.array(points) - stroke.points[-1 - end], axis=1)
+                away = np.linalg.norm(np.array(points) - stroke.points[1 if end == 0 else -2], axis=1)
                 stroke.points[end] = points[int(away.argmax())]
         return
     point = crossing(runs, place, pixel, options)

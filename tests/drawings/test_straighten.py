@@ -83,3 +83,14 @@ def test_the_edge_of_a_roof_and_the_wall_below_keep_their_own_lines(apart: float
     assert len({tuple(np.round(end, 6)) for end in ends}) == points
     if points == 2:
         np.testing.assert_allclose(ends, [(0, 30), (5, 30), (0, 30)], atol=1e-6)
+
+
+def test_a_chimney_reaches_the_ridge_on_both_sides() -> None:
+    """Its foot is drawn two pixels above the ridge; the chain goes up, across and down."""
+    chimney = straighten(np.array([[20.0, 30.0], [20.0, 60.0], [40.0, 60.0], [40.0, 30.0]]), (1, 2), 1.0)
+    foot = straighten(np.array([[20.0, 32.0], [40.0, 32.0]]), (1, 2), 1.0)
+    left = straighten(np.array([[0.0, 30.0], [20.0, 30.0]]), (3, 1), 1.0)
+    right = straighten(np.array([[40.0, 30.0], [90.0, 30.0]]), (2, 4), 1.0)
+    join_ends([chimney, foot, left, right], {1: np.array([20.0, 31.0]), 2: np.array([40.0, 31.0])}, 1.0)
+    np.testing.assert_allclose(chimney.points[[0, -1]], [(20, 30), (40, 30)], atol=1e-6)
+    np.testing.assert_allclose(foot.points, [(20, 32), (40, 32)], atol=1e-6)
