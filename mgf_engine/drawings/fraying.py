@@ -61,19 +61,20 @@ def frayed_parts(
     lines += [(np.array([a, 1.0 - a, np.nan, -np.inf, np.inf]), False) for a in (0.0, 1.0)]
     for line, is_known in lines:
         across, along = corners @ line[:2], corners @ np.array([line[1], -line[0]])
-        rows = breaks
+        turn = np.arange(len(breaks))
         if is_known:
-            beyond = np.maximum(line[3] - along, along - line[4]) > options.apart * pixel
-            rows = [row for row in breaks if not beyond[row] and abs(across[row] + line[2]) <= options.near * pixel]
+            beyond = np.maximum(line[3] - along, along - line[4])[breaks] > options.apart * pixel
+            turn = turn[~beyond & (np.abs(across[breaks] + line[2]) <= options.near * pixel)]
+        rows = np.array(breaks)[turn]
         for a, first in enumerate(rows):
-            for last in rows[a + 1 :]:
-                turns = breaks.index(last) - breaks.index(first)
-                length = abs(float(along[last] - along[first]))
-                if turns <= options.turns or length < options.least * pixel:
-                    continue
+            possible = turn[a + 1 :] - turn[a] > options.turns
+            possible &= np.abs(along[rows[a + 1 :]] - along[first]) >= options.least * pixel
+            possible &= np.abs(across[rows[a + 1 :]] - across[first]) <= 2 * options.near * pixel
+            for last in rows[a + 1 :][possible]:
                 offset = _offset(along[first : last + 1], across[first : last + 1], -line[2], pixel, options)
                 if offset is not None:
-                    part = FrayedPart(first, last, np.array([*line[:2], -offset]), is_known)
+                    length = abs(float(along[last] - along[first]))
+                    part = FrayedPart(int(first), int(last), np.array([*line[:2], -offset]), is_known)
                     found.append((is_known, length, part))
     kept = list[FrayedPart]()
     for _, _, part in sorted(found, key=lambda entry: (-entry[0], -entry[1])):

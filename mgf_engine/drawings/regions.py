@@ -211,8 +211,11 @@ def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, 
 
 def boxes_of_labels(label: NDArray[np.int32]) -> Iterator[tuple[int, tuple[slice, slice]]]:
     """Yield each label of a map and the box around its pixels."""
-    values, dense = np.unique(label, return_inverse=True)
-    yield from zip(values.tolist(), find_objects(dense.reshape(label.shape) + 1), strict=True)
+    loose = label == LOOSE
+    last = int(label[~loose].max(initial=0)) + 1
+    for value, box in enumerate(find_objects(np.where(loose, last, label) + 1)):
+        if box is not None:
+            yield LOOSE if value == last else value, box
 
 
 def _merge_small(regions: Regions, least: float, hole: float) -> None:
