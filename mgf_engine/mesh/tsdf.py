@@ -38,7 +38,7 @@ _SAMPLE = [
     ("weight", "<f4"),
     ("sum", "<f4"),
     ("correlation", "<f4"),
-    *((name, "<i4") for name in ("covered", "outside", "seen", "near", "judging", "behind")),
+    *((name, "<i4") for name in ("covered", "outside", "seen", "near", "fused", "behind")),
 ]
 _VIEW = [("pose", "<f8", 12), ("intrinsics", "<f8", 4)] + [
     (name, kind)
@@ -74,7 +74,7 @@ class TsdfField:
 
         def signed_of(sample: NDArray[np.void]) -> NDArray[np.float32]:
             result = _distance(sample) - self.offset
-            result[sample["behind"] >= self.options.outvoted * sample["judging"] ** 2] = -np.inf
+            result[sample["behind"] >= self.options.outvoted * sample["fused"] ** 2] = -np.inf
             unknown = sample["weight"] == 0
             result[unknown] = np.where(sample["covered"][unknown] > 0, -np.inf, np.nan)
             if self.options.hull.carve:

@@ -124,7 +124,7 @@ def plain_samples(
     """What ``native/csrc/mesh/tsdf.c`` does, point by point: a dict per point."""
     result = []
     for point in points:
-        said = dict.fromkeys(("weight", "sum", "covered", "outside", "seen", "near", "judging", "behind"), 0.0)
+        said = dict.fromkeys(("weight", "sum", "covered", "outside", "seen", "near", "fused", "behind"), 0.0)
         for view, pixels in zip(views, maps, strict=True):
             x, y, z = view.rotation @ point + view.translation
             u, v = x / z * view.fx + view.cx, y / z * view.fy + view.cy
@@ -146,7 +146,7 @@ def plain_samples(
             said["covered"] += s < -1
             said["behind"] += -4 < s < -1
             if s >= -1:
-                said["judging"] += 1
+                said["fused"] += 1
                 said["weight"] += here[2]
                 said["sum"] += here[2] * min(s, 1.0)
         result.append(said)
@@ -170,7 +170,7 @@ def test_samples_are_those_of_the_plain_sum_over_views() -> None:
     points = rng.uniform(-1, 1, (3000, 3)).astype(np.float32).astype(np.float64)
     found = np.concatenate(list(field._sample(points, lambda sample: sample)))
     expected = plain_samples(points, views, maps, mask, field.band)
-    for name in ("covered", "outside", "seen", "near", "judging", "behind"):
+    for name in ("covered", "outside", "seen", "near", "fused", "behind"):
         assert found[name].sum() > 50
         np.testing.assert_array_equal(found[name], [said[name] for said in expected])
     for name in ("weight", "sum"):

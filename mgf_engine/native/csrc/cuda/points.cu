@@ -8,17 +8,17 @@
 #include "raster/project.h"
 
 enum { BATCH = 64, INNER = 4, INNERS = (TILE / INNER) * (TILE / INNER) };
-enum { OUTSIDE = 0, INSIDE = 1 };  // of the mask; other values: unknown, no verdict
+enum { OUTSIDE = 0, INSIDE = 1 };  // of the mask; other values: unknown
 enum { BACKGROUND = 0, SEEN = 1, UNSEEN = 2 };
 
 struct Pose {
     double rotation[9], translation[3], fx, fy, cx, cy;
 };
 
-// Where points [n][3] fall: place [n][3] = (u, v, depth), verdict [n], key [n]: tile * 16 + block of the tile, after
+// Where points [n][3] fall: place [n][3] = (u, v, depth), visibility [n], key [n]: tile * 16 + block of the tile, after
 // all of them for points not SEEN. labels [height][width].
 KERNEL(points_locate, int n, const float *points, BY_VALUE Pose pose, float near, const uint8_t *labels, int height,
-       int width, float *place, uint8_t *verdict, uint32_t *key) {
+       int width, float *place, uint8_t *visibility, uint32_t *key) {
     const int tiles_x = (width + TILE - 1) / TILE, tiles_y = (height + TILE - 1) / TILE;
     EACH(i, n) {
         const float *p = points + 3 * (int64_t)i;
@@ -26,13 +26,13 @@ KERNEL(points_locate, int n, const float *points, BY_VALUE Pose pose, float near
         for (int k = 0; k < 3; k++)
             c[k] = pose.rotation[3 * k] * p[0] + pose.rotation[3 * k + 1] * p[1] + pose.rotation[3 * k + 2] * p[2] +
                    pose.translation[k];
-        verdict[i] = UNSEEN, key[i] = (uint32_t)(tiles_x * tiles_y * INNERS);
+        visibility[i] = UNSEEN, key[i] = (uint32_t)(tiles_x * tiles_y * INNERS);
         if (!(c[2] > near)) continue;
         const double u = c[0] / c[2] * pose.fx + pose.cx, v = c[1] / c[2] * pose.fy + pose.cy;
         if (!(u >= 0 && v >= 0 && u < width && v < height)) continue;
         const int x = (int)u, y = (int)v;
         const uint8_t label = labels[(int64_t)y * width + x];
-        verdict[i] = label == OUTSIDE ? BACKGROUND : label == INSIDE ? SEEN : UNSEEN;
+        visibility[i] = label == OUTSIDE ? BACKGROUND : label == INSIDE ? SEEN : UNSEEN;
         if (label != INSIDE) continue;
         place[3 * (int64_t)i] = (float)u, place[3 * (int64_t)i + 1] = (float)v, place[3 * (int64_t)i + 2] = (float)c[2];
         const int inner = y % TILE / INNER * (TILE / INNER) + x % TILE / INNER;

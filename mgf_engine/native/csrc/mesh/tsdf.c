@@ -22,7 +22,7 @@ typedef struct {
     float correlation;                     // of the photos of the `near` views at the surface, added up
     // Number of views that hide it behind a surface, show background there, show the building there, show a surface
     // within half a band, say how far off the surface is, hide it closely behind one.
-    int32_t covered, outside, seen, near, judging, behind;
+    int32_t covered, outside, seen, near, fused, behind;
 } TsdfSample;
 
 // A photo's camera with what it shows: labels [height][width]; pixel (x, y) of its map is map[rows[y] + x], there for
@@ -87,7 +87,7 @@ static void add_view(const TrustedView *view, Pixel here, double depth, TsdfSamp
         tsdf->covered++, tsdf->behind += s > -CLOSELY * limit;
         return;
     }
-    tsdf->judging++, tsdf->weight += here.weight;
+    tsdf->fused++, tsdf->weight += here.weight;
     tsdf->sum += here.weight * (s < limit ? s / limit : 1.0f);
 }
 

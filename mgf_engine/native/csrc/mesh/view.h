@@ -3,7 +3,7 @@
 #pragma once
 #include <stdint.h>
 
-enum { OUTSIDE = 0, INSIDE = 1 }; // of a mask; other values: unknown, no verdict
+enum { OUTSIDE = 0, INSIDE = 1 }; // of a mask; other values: unknown
 
 // A point in camera coordinates c. pose: rotation [3][3] and translation [3].
 static inline void to_camera(const double *pose, double x, double y, double z, double c[3]) {

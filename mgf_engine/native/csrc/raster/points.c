@@ -18,12 +18,12 @@
 enum { PIECE = 4096, SIDE = 4, BLOCKS = (TILE / SIDE) * (TILE / SIDE) };
 enum { BACKGROUND = 0, SEEN = 1, UNSEEN = 2 };
 
-/* Where points [n][3] fall: place [n][3] = (u, v, depth), verdict [n] BACKGROUND, SEEN or UNSEEN (out of frame, behind,
-   unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE
+/* Where points [n][3] fall: place [n][3] = (u, v, depth), visibility [n]: BACKGROUND, SEEN or UNSEEN (out of frame,
+   behind, unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE
    or unknown. pose, intrinsics: as in view.h. */
 MGF_API void mgf_locate_points(int32_t *next, int64_t n, const float *points, const double *pose,
                                const double *intrinsics, float near, const uint8_t *labels, int64_t height,
-                               int64_t width, float *place, uint8_t *verdict, int32_t *block) {
+                               int64_t width, float *place, uint8_t *visibility, int32_t *block) {
     const int64_t tiles_x = (width + TILE - 1) / TILE;
     for (;;) {
         const int64_t start = take_work(next) * PIECE, end = start + PIECE < n ? start + PIECE : n;
@@ -32,11 +32,11 @@ MGF_API void mgf_locate_points(int32_t *next, int64_t n, const float *points, co
             double c[3], u, v;
             const float *p = points + 3 * i;
             to_camera(pose, p[0], p[1], p[2], c);
-            verdict[i] = UNSEEN, block[i] = -1;
+            visibility[i] = UNSEEN, block[i] = -1;
             if (!in_frame(c, intrinsics, near, height, width, &u, &v)) continue;
             const int64_t x = (int64_t)u, y = (int64_t)v;
             const uint8_t label = labels[y * width + x];
-            verdict[i] = label == OUTSIDE ? BACKGROUND : label == INSIDE ? SEEN : UNSEEN;
+            visibility[i] = label == OUTSIDE ? BACKGROUND : label == INSIDE ? SEEN : UNSEEN;
             if (label != INSIDE) continue;
             place[3 * i] = (float)u, place[3 * i + 1] = (float)v, place[3 * i + 2] = (float)c[2];
             const int64_t tile = y / TILE * tiles_x + x / TILE,

@@ -160,7 +160,7 @@ static void mean_of(const Best *best, float *restrict mean) {
     for (int64_t x = 0; x < best->width; x++) mean[x] /= (float)best->count;
 }
 
-// Scratch memory: the sums of every other picture, some rows of floats, and the columns of `colours_row`.
+// Scratch memory: the sums of every other picture, some rows of floats, and the columns of `colors_row`.
 typedef struct {
     double *sums;
     float *floats;
@@ -193,7 +193,7 @@ static void compare_row(const Pair *p, int64_t y, const int32_t *seen, const uin
    others: uint8 [number][height][width][channels], 1 or 3 (CIELAB); seen: [number][height][2], the first and one past
    the last pixel of each row that they show; lightness, average, variance: of the own picture, 0..100; smooth: its
    colours, means over 3 x 3 pixels, uint8 [3][height][width], null without colours. fits: of `count` correlations, at
-   most 0 where the colours are `colour` apart; colours: of `count` negative distances; both null without colours.
+   most 0 where the colours are `color` apart; colors: of `count` negative distances; both null without colours.
    alone: of `count_alone` correlations with the last `last` others whatever the colours are. Returns 1 without memory.
    */
 MGF_API int64_t mgf_compare_patches(int64_t number, int64_t height, int64_t width, int64_t channels,
