@@ -19,8 +19,8 @@ enum { PIECE = 4096, SIDE = 4, BLOCKS = (TILE / SIDE) * (TILE / SIDE) };
 enum { BACKGROUND = 0, SEEN = 1, UNSEEN = 2 };
 
 /* Where points [n][3] fall: place [n][3] = (u, v, depth), visibility [n]: BACKGROUND, SEEN or UNSEEN (out of frame,
-   behind, unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]: OUTSIDE, INSIDE
-   or unknown. pose, intrinsics: as in view.h. */
+   behind, unknown), block [n]: tile * 16 + block of the tile, -1 for points not SEEN. labels [height][width]:
+   OUTSIDE, INSIDE or unknown. pose, intrinsics: as in view.h. */
 MGF_API void mgf_locate_points(int32_t *next, int64_t n, const float *points, const double *pose,
                                const double *intrinsics, float near, const uint8_t *labels, int64_t height,
                                int64_t width, float *place, uint8_t *visibility, int32_t *block) {
