@@ -147,7 +147,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("facades", "drawings", "Facades of a building", "drawings.facades:FacadeOptions"),
     Algorithm("elevations", "drawings", "Lines of elevations and plans", "drawings.elevation:ElevationOptions"),
     Algorithm("regions", "drawings", "Planar regions that a drawing shows", "drawings.regions:RegionOptions", also=("models",)),
-    Algorithm("region_merging", "drawings", "Regions of drawings whose border is none on the building", "drawings.absorb:AbsorbOptions"),
+    Algorithm("region_merging", "drawings", "Regions of drawings whose border is none on the building", "drawings.merge_regions:RegionMergingOptions"),
     Algorithm("plane_lines", "drawings", "Lines of drawings that planes of the mesh give", "drawings.plane_lines:PlaneLineOptions"),
     Algorithm("outline_overhangs", "drawings", "Undersides of overhangs in outlines", "drawings.overhangs:OverhangOptions"),
     Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.absorb import AbsorbOptions, absorb
+from mgf_engine.drawings.merge_regions import RegionMergingOptions, merge_regions
 from mgf_engine.drawings.merge_segments import merge_segments
 from mgf_engine.drawings.model import CREASE, DETAIL, LEANING, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
 from mgf_engine.drawings.opening_edges import EdgePhotos
@@ -37,7 +37,7 @@ class ElevationOptions:
     )
     least_loose: float = parameter(12.0, "Minimum length of a line beside a surface that is in no plane", "ground px")
     regions: RegionOptions = RegionOptions()
-    absorb: AbsorbOptions = AbsorbOptions()
+    merging: RegionMergingOptions = RegionMergingOptions()
     plane_lines: PlaneLineOptions = PlaneLineOptions()
     straightening: StraightenOptions = StraightenOptions()
     overhangs: OverhangOptions = OverhangOptions()
@@ -63,7 +63,7 @@ def draw_elevation(
     """
     regions = find_regions(survey, planes, frame, options.regions)
     seen = render_grid(survey, regions.grid)
-    absorb(regions, seen, survey, options.absorb)
+    merge_regions(regions, seen, survey, options.merging)
     boxes = _openings(survey, regions, seen, options, photos)
     given = plane_lines(survey, planes, frame, options.plane_lines)
     chains = trace(regions.label)

@@ -25,7 +25,7 @@ Box = tuple[slice, slice]
 
 
 @dataclass(frozen=True)
-class AbsorbOptions:
+class RegionMergingOptions:
     """Options of the merging of regions whose border is none on the building."""
 
     parted: float = parameter(
@@ -53,7 +53,9 @@ class Part:
     size: int
 
 
-def absorb(regions: Regions, seen: GridBuffers, survey: Survey, options: AbsorbOptions = AbsorbOptions()) -> None:
+def merge_regions(
+    regions: Regions, seen: GridBuffers, survey: Survey, options: RegionMergingOptions = RegionMergingOptions()
+) -> None:
     """Merge regions of a map with others beside them.
 
     Args:
@@ -107,7 +109,7 @@ def _parts(label: NDArray[np.int32]) -> tuple[list[Part], dict[int, dict[int, in
 
 
 def _alike(
-    part: Part, beside: list[Part], slope: Array, seen: GridBuffers, pixel: float, options: AbsorbOptions
+    part: Part, beside: list[Part], slope: Array, seen: GridBuffers, pixel: float, options: RegionMergingOptions
 ) -> int | None:
     """Return the label of the larger plane beside a part that its surface parts from least, None where all part."""
     best, found = np.inf, None
@@ -130,7 +132,7 @@ def _alike(
 
 
 def _underside_of(
-    part: Part, label: NDArray[np.int32], up: NDArray[np.float64], pixel: float, options: AbsorbOptions
+    part: Part, label: NDArray[np.int32], up: NDArray[np.float64], pixel: float, options: RegionMergingOptions
 ) -> int | None:
     """Return the label below a part that is an underside, None where it is none or nothing is below.
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mgf_engine.drawings.absorb import absorb
+from mgf_engine.drawings.merge_regions import merge_regions
 from mgf_engine.drawings.model import Frame
 from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.regions import LOOSE, Regions
@@ -19,7 +19,7 @@ WALL, OTHER, ROOF = 1, 2, 3
 ROW, COLUMN = np.mgrid[:HEIGHT, :WIDTH]
 
 
-def absorbed(label: np.ndarray, slope: np.ndarray, up: np.ndarray, level: bool = False) -> np.ndarray:
+def merge(label: np.ndarray, slope: np.ndarray, up: np.ndarray, level: bool = False) -> np.ndarray:
     """Labels after merging; the surface lies in the plane of each label, ``up`` is its normal's part upwards [H, W]."""
     x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]) if level else np.array([0.0, 0.0, 1.0])
     size = np.array([WIDTH, HEIGHT]) * 0.5 * PIXEL
@@ -30,7 +30,7 @@ def absorbed(label: np.ndarray, slope: np.ndarray, up: np.ndarray, level: bool =
     face = np.where(label > 0, np.arange(label.size).reshape(label.shape), -1).astype(np.int32)
     survey = SimpleNamespace(working_pixel=PIXEL, normals=np.stack([np.zeros(label.size)] * 2 + [up.ravel()], 1))
     regions = Regions(grid, label.astype(np.int32), slope)
-    absorb(regions, GridBuffers(grid, face, before), survey)  # type: ignore[arg-type]
+    merge_regions(regions, GridBuffers(grid, face, before), survey)  # type: ignore[arg-type]
     return regions.label
 
 
@@ -38,7 +38,7 @@ def absorbed(label: np.ndarray, slope: np.ndarray, up: np.ndarray, level: bool =
 def test_a_plane_that_hardly_stands_before_its_wall_is_that_wall(pixels: float, merged: bool) -> None:
     label = np.where((ROW > 40) & (ROW < 90) & (COLUMN > 30) & (COLUMN < 120), OTHER, WALL)
     slope = np.array([[0.0, 0, 0], [0, 0, pixels * PIXEL]])
-    found = absorbed(label, slope, np.zeros(label.shape))
+    found = merge(label, slope, np.zeros(label.shape))
     np.testing.assert_array_equal(found, WALL if merged else label)
 
 
@@ -47,7 +47,7 @@ def test_a_tilted_plane_stays_where_it_parts_from_the_wall() -> None:
     for angle, merged in ((5.0, True), (30.0, False)):
         a = np.tan(np.radians(angle))
         slope = np.array([[0.0, 0, 0], [a, 0, -a * 60 * 0.5 * PIXEL]])
-        found = absorbed(label, slope, np.zeros(label.shape))
+        found = merge(label, slope, np.zeros(label.shape))
         np.testing.assert_array_equal(found, WALL if merged else label)
 
 
@@ -66,14 +66,14 @@ def test_undersides_belong_to_the_wall_below(loose: bool) -> None:
     label, slope, up = eaves(24)
     if loose:
         label = np.where(label == OTHER, LOOSE, label)
-    np.testing.assert_array_equal(absorbed(label, slope, up), np.where(ROW < 40, ROOF, WALL))
+    np.testing.assert_array_equal(merge(label, slope, up), np.where(ROW < 40, ROOF, WALL))
 
 
 def test_a_high_wall_that_leans_outwards_stays() -> None:
     label, slope, up = eaves(80)
-    np.testing.assert_array_equal(absorbed(label, slope, up), label)
+    np.testing.assert_array_equal(merge(label, slope, up), label)
 
 
 def test_nothing_is_an_underside_from_above() -> None:
     label, slope, up = eaves(24)
-    np.testing.assert_array_equal(absorbed(label, slope, up, level=True), label)
+    np.testing.assert_array_equal(merge(label, slope, up, level=True), label)
