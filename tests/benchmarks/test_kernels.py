@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from benchmarks import kernels, torch_tiles
+from mgf_engine.field.synthetic import corner_view, synthetic_building
 from mgf_engine.native import library
 from mgf_engine.raster import cpu
 
@@ -30,7 +31,7 @@ def test_every_part_of_every_variant_is_timed(capsys: pytest.CaptureFixture[str]
 
 def test_the_yardstick_in_torch_draws_what_the_kernels_draw() -> None:
     """Or the ratio would compare two different things; gradients as far as the sums over a list show them."""
-    raw, camera = cpu.Parameters.of_field(kernels.building(400, size=0.08)), kernels.corner_view(60, 44)
+    raw, camera = cpu.Parameters.of_field(synthetic_building(400, size=0.08)), corner_view(60, 44)
     lists = cpu.list_tiles(raw, camera, 1, None)
     image, hits = cpu.blend(lists, geometry=True)
     records = lists.records.clone().requires_grad_()

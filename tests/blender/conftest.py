@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections import namedtuple
 from pathlib import Path
 
 import pytest
@@ -91,3 +92,26 @@ def engine(tmp_path, monkeypatch):
 
     behave("ok")
     return behave
+
+
+@pytest.fixture
+def ready(addon, engine, house):
+    """An imported house with one click, and an engine whose result is the finished job."""
+    engine("ok", FAKE_RESULT=house.job)
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    addon.job_folder = str(house.folder.parent / "new job")
+    click = addon.photos[0].clicks.add()
+    click.uv = (100.5, 80.25)
+    return addon
+
+
+@pytest.fixture
+def free_space(monkeypatch):
+    """Disks with 64 GB free, whatever this machine has left; call it with another number of bytes."""
+    usage = namedtuple("usage", "total used free")
+
+    def set_free(free: int) -> None:
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(1 << 40, (1 << 40) - free, free))
+
+    set_free(64 << 30)
+    return set_free

@@ -101,7 +101,7 @@ def test_no_more_photos_are_open_at_once_than_memory_allows(scene, house, monkey
         return painting(*arguments)
 
     monkeypatch.setattr(photos, "_MEMORY", int(fit * size * photos._BYTES_PER_PIXEL))
-    monkeypatch.setattr(bake, "shrunk", counted)
+    monkeypatch.setattr(bake, "reduce_photo", counted)
     set_threads(8)
     try:
         texture = make_texture(in_frame(scene, house.mesh), scene, masks_of(scene, house), 256, lambda text: None)

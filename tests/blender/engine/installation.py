@@ -3,13 +3,9 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
-from collections import namedtuple
 from pathlib import Path
-
-import pytest
 
 from mgf_blender.engine import environment, install, swap
 from mgf_blender.engine.task import Step, Task
@@ -40,9 +36,3 @@ def prefix_of(tmp_path: Path) -> str:
 def folders(tmp_path: Path) -> list[str]:
     swap.wait()
     return sorted(p.name for p in tmp_path.iterdir() if p.is_dir())
-
-
-def set_free(monkeypatch: pytest.MonkeyPatch, free: int) -> None:
-    """Let every disk have some bytes free."""
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(1 << 40, (1 << 40) - free, free))

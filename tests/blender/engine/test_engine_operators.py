@@ -16,6 +16,8 @@ from mgf_blender.common.job import Job
 from mgf_blender.engine import environment, install, operators, swap
 from mgf_blender.engine.status_label import draw_engine_missing
 
+pytestmark = pytest.mark.usefixtures("free_space")
+
 
 def test_the_question_before_the_download_says_what_may_come(monkeypatch):
     monkeypatch.setattr(install.sys, "platform", "linux")

@@ -7,11 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from installation import plan, set_free
+from installation import plan
 
 from mgf_blender.common.errors import UserError
 from mgf_blender.engine import environment, install
 from mgf_blender.engine.task import CANCELLED, DONE, FAILED, Step, Task
+
+pytestmark = pytest.mark.usefixtures("free_space")
 
 
 def test_steps_of_a_download(tmp_path):
@@ -44,15 +46,15 @@ def test_wheel_folder_means_no_network(tmp_path):
     assert all("--no-index" in s.command for s in steps[1:3]) and "http" not in str([s.command for s in steps])
 
 
-def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch):
-    set_free(monkeypatch, 5 << 30)
+def test_full_disk_is_said_before_anything_is_written(tmp_path, monkeypatch, free_space):
+    free_space(5 << 30)
     install.make_task(plan(tmp_path), tmp_path / "other" / "log.txt")
     with pytest.raises(UserError, match="the engine needs 7 GB"):
         install.make_task(plan(tmp_path, torch="cuda"), tmp_path / "log.txt")
     monkeypatch.setattr(install.sys, "platform", "linux")
     with pytest.raises(UserError, match="the engine needs 7 GB"):  # PyPI has the CUDA build
         install.make_task(plan(tmp_path, default_index=True), tmp_path / "log.txt")
-    set_free(monkeypatch, 1 << 20)
+    free_space(1 << 20)
     with pytest.raises(UserError, match="the engine needs 3 GB"):
         install.make_task(plan(tmp_path), tmp_path / "log.txt")
     assert not (tmp_path / "environment").exists() and not (tmp_path / "log.txt").exists()

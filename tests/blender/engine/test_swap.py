@@ -14,6 +14,8 @@ from mgf_blender.common.errors import UserError
 from mgf_blender.engine import environment, swap
 from mgf_blender.engine.task import CANCELLED, DONE, FAILED
 
+pytestmark = pytest.mark.usefixtures("free_space")
+
 
 def test_a_new_engine_takes_the_old_ones_place_only_after_its_check(tmp_path):
     assert shortened(tmp_path, "0").run() == DONE

@@ -17,6 +17,7 @@ from mgf_engine.masks.propagation.correct_masks import MaskCorrection
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.sky_silhouette import over_horizon
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
+from mgf_engine.model.scene import Scene
 
 VIEW = look(0.9, 0.3)
 NO_POINTS = np.zeros((0, 2))
@@ -112,9 +113,15 @@ def test_without_sky_nothing_is_cut() -> None:
 class _Everywhere:
     """An extent that expects the building all over the photo, as it does between the bars of a frame."""
 
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
     def view_regions(self, index: int) -> SimpleNamespace:
         shape = (HEIGHT // 2, WIDTH // 2)
         return SimpleNamespace(core=np.ones(shape, bool), ground_first=np.zeros(shape, bool))
+
+    def within(self, index: int, place: SimpleNamespace) -> np.ndarray:
+        return np.ones(len(self.scene.observations(index)), bool)
 
 
 def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
@@ -128,7 +135,7 @@ def test_sky_between_bars_is_background_and_not_unknown(tmp_path: Path) -> None:
     )  # fmt: skip
     reporter = SimpleNamespace(progress=lambda share: None, check=lambda: None)
     correction = MaskCorrection(graph, labels, {}, {}, None, Config(), reporter)
-    correction.run(_Everywhere(), np.ones(len(scene.points), bool), [0])
+    correction.run(_Everywhere(scene), np.ones(len(scene.points), bool), [0])
     air = mask & OVER & ~mast & ~hut
     assert (labels[0][air] == BACKGROUND).mean() > 0.9
     assert (labels[0][mast & OVER] == BUILDING).mean() > 0.9
