@@ -9,10 +9,9 @@ camera through that pixel meets the job's mesh where the orthophoto shows the co
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -21,7 +20,8 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon, box, unary_union
 
 from benchmarks.buildings import BUILDINGS
-from benchmarks.openings import DEEP, FACING, read_scene_record, true_openings
+from benchmarks.job_table import print_job_table
+from benchmarks.openings import DEEP, FACING, true_openings
 from mgf_engine.drawings.facades import find_facades
 from mgf_engine.drawings.ground import ground_of
 from mgf_engine.drawings.load import read_survey
@@ -29,7 +29,6 @@ from mgf_engine.drawings.model import Frame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.section import cut
 from mgf_engine.drawings.section_planes import section_frames
-from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.model.scene import View
 from mgf_engine.texture.texture_pipeline import choose_painting
@@ -152,34 +151,26 @@ def _off(frame: Frame, corner: Array, shown: Array) -> Array:
     return np.asarray(other - one)
 
 
+def row(job: Path, scene: Path, spec: dict[str, Any]) -> list[str]:
+    """Return the errors of a job's sections, and how many corners its orthophotos show how far off.
+
+    Raises:
+        BadInput: the job has no mesh.
+    """
+    survey, truth = read_survey(job), read_surface(scene / "truth.ply")
+    areas = ", ".join(f"{name} {100 * error:+.2f} %" for name, error in section_errors(survey, truth))
+    if any(spec["lens"]):  # a job's photos are undistorted, the true cameras are not
+        return [areas, *["–"] * 4]
+    off = orthophoto_offsets(survey, scene, true_openings(BUILDINGS[spec["building"]](spec["wall"])), truth)
+    away = np.hypot(*off.T)
+    shares = [f"{100 * (away <= most).mean():.0f} %" for most in (1, 2)]
+    return [areas, str(len(away)), *shares, f"{np.median(away):.2f}"]
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Print a table, a row for each job."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.drawing_truth", description=(__doc__ or "").split("\n")[0]
-    )
-    parser.add_argument(
-        "jobs", type=Path, nargs="+", metavar="JOB", help="job folder of a generated scene without lens"
-    )
-    args = parser.parse_args(argv)
-    print("| scene | areas of sections | corners | within one pixel | within two | median, pixels |")
-    print("|---|---|---|---|---|---|")
-    for job in args.jobs:
-        try:
-            scene, record = read_scene_record(job)
-            survey, truth = read_survey(job), read_surface(scene / "truth.ply")
-            spec = record["spec"]
-            areas = ", ".join(f"{name} {100 * error:+.2f} %" for name, error in section_errors(survey, truth))
-            row = ["–"] * 4
-            if not any(spec["lens"]):  # a job's photos are undistorted, the true cameras are not
-                off = orthophoto_offsets(survey, scene, true_openings(BUILDINGS[spec["building"]](spec["wall"])), truth)
-                away = np.hypot(*off.T)
-                shares = [f"{100 * (away <= most).mean():.0f} %" for most in (1, 2)]
-                row = [str(len(away)), *shares, f"{np.median(away):.2f}"]
-            print("| " + " | ".join([record["name"], areas, *row]) + " |", flush=True)
-        except BadInput as error:
-            print(f"Error: {error}", file=sys.stderr)
-            return 2
-    return 0
+    header = ("areas of sections", "corners", "within one pixel", "within two", "median, pixels")
+    return print_job_table("python -m benchmarks.drawing_truth", __doc__, header, row, argv)
 
 
 if __name__ == "__main__":

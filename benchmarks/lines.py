@@ -10,8 +10,6 @@ which ``mgf drawings`` looks at, too, are left out.
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from benchmarks.openings import read_scene_record
+from benchmarks.job_table import print_job_table
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades, plan_frame
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import Frame, Line
 from mgf_engine.drawings.project import plan_grid
 from mgf_engine.drawings.regions import survey_planes
-from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import read_surface
 from mgf_engine.geometry.rasterize import render_parallel
 from mgf_engine.job_folder import with_algorithms_of_job
@@ -141,19 +138,10 @@ def score(job: Path, scene: Path) -> Score:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print a table, a row for each job."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.lines", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("jobs", type=Path, nargs="+", metavar="JOB", help="job folder of a generated scene")
-    args = parser.parse_args(argv)
-    print("| scene | lines | within one pixel | within two | recall within two | pixels far from all edges |")
-    print("|---|---|---|---|---|---|")
-    for job in args.jobs:
-        try:
-            scene, record = read_scene_record(job)
-            print("| " + " | ".join([record["name"], *score(job, scene).row()]) + " |", flush=True)
-        except BadInput as error:
-            print(f"Error: {error}", file=sys.stderr)
-            return 2
-    return 0
+    header = ("lines", "within one pixel", "within two", "recall within two", "pixels far from all edges")
+    return print_job_table(
+        "python -m benchmarks.lines", __doc__, header, lambda job, scene, spec: score(job, scene).row(), argv
+    )
 
 
 if __name__ == "__main__":

@@ -8,9 +8,6 @@ openings of the building that the generator made: an opening is found where a re
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.buildings import BUILDINGS
+from benchmarks.job_table import print_job_table
 from benchmarks.shapes import Part
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades
@@ -29,10 +27,9 @@ from mgf_engine.drawings.model import Frame, Survey
 from mgf_engine.drawings.opening_edges import edge_photos
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.regions import survey_planes
-from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.geometry.boxes import intersection_over_union
-from mgf_engine.job_folder import read_job, with_algorithms_of_job
+from mgf_engine.job_folder import with_algorithms_of_job
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
@@ -111,21 +108,6 @@ def compare(true: Array, drawn: Array) -> Score:
     return Score(len(true), int(good.sum()), len(drawn) - int(good.sum()), off)
 
 
-def read_scene_record(job: Path) -> tuple[Path, dict[str, Any]]:
-    """Return the folder and the record of the generated scene that a job is of.
-
-    Raises:
-        BadInput: the scene is not a generated one.
-    """
-    scene = Path(read_job(job)["source"])
-    try:
-        record: dict[str, Any] = json.loads((scene / "scene.json").read_text(encoding="utf-8"))
-        record["spec"], record["name"]
-    except (OSError, ValueError, KeyError) as error:
-        raise BadInput(f"'{scene}' is no generated scene; give jobs of scenes that benchmarks.scenes made.") from error
-    return scene, record
-
-
 def score(job: Path, scene: Path, spec: dict[str, Any]) -> Score:
     """Compare all elevations of a job with the truth of its scene.
 
@@ -152,28 +134,13 @@ def score(job: Path, scene: Path, spec: dict[str, Any]) -> Score:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print a table, a row for each job."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.openings", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("jobs", type=Path, nargs="+", metavar="JOB", help="job folder of a generated scene")
-    args = parser.parse_args(argv)
-    print("| scene | openings | found | missed | false | RMS of corners, mm | median at the sides | above and below |")
-    print("|---|---|---|---|---|---|---|---|")
-    for job in args.jobs:
-        try:
-            scene, record = read_scene_record(job)
-            s = score(job, scene, record["spec"])
-        except BadInput as error:
-            print(f"Error: {error}", file=sys.stderr)
-            return 2
-        row = (
-            record["name"],
-            s.openings,
-            s.found,
-            s.openings - s.found,
-            s.false,
-            *(f"{v:.0f}" for v in (s.rms, *s.edges)),
-        )
-        print("| " + " | ".join(map(str, row)) + " |", flush=True)
-    return 0
+
+    def row(job: Path, scene: Path, spec: dict[str, Any]) -> list[Any]:
+        s = score(job, scene, spec)
+        return [s.openings, s.found, s.openings - s.found, s.false, *(f"{v:.0f}" for v in (s.rms, *s.edges))]
+
+    header = ("openings", "found", "missed", "false", "RMS of corners, mm", "median at the sides", "above and below")
+    return print_job_table("python -m benchmarks.openings", __doc__, header, row, argv)
 
 
 if __name__ == "__main__":
