@@ -23,9 +23,9 @@ from benchmarks.buildings import BUILDINGS
 from benchmarks.job_table import print_job_table
 from benchmarks.openings import DEEP, FACING, true_openings
 from mgf_engine.drawings.facades import find_facades
-from mgf_engine.drawings.ground import ground_of
+from mgf_engine.drawings.ground import find_ground_level
 from mgf_engine.drawings.load import read_survey
-from mgf_engine.drawings.model import Frame, Survey
+from mgf_engine.drawings.model import DrawingFrame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.section import cut
 from mgf_engine.drawings.section_planes import section_frames
@@ -62,14 +62,14 @@ def enclosed_area(at: Array, faces: NDArray[np.int64], low: float | None = None)
 def section_errors(survey: Survey, truth: Surface) -> list[tuple[str, float]]:
     """Return for each section its name and by which share its area is too large."""
     facades = find_facades(survey)
-    ground = ground_of(survey, facades)
+    ground = find_ground_level(survey, facades)
     height = float(survey.mesh.vertices[:, 2].max()) - ground.height
     wanted = ["z=1.2", f"z={0.4 * height:.2f}", f"{facades[0].name}={0.45 * facades[0].frame.size[0]:.2f}"]
     found = []
     for frame in section_frames(survey, facades, wanted, ground.height):
         made = cut(survey, frame)
         upright = abs(float(frame.normal[2])) < 0.5
-        low = min(float(area.outer[:, 1].min()) for area in made.drawing.areas) if upright else None
+        low = min(area.bounds[1] for area in made.drawing.areas) if upright else None
         true = enclosed_area(frame.to_drawing(survey.local(truth.vertices)), truth.faces, low)
         found.append((frame.name, made.area / true - 1))
     return found
@@ -146,7 +146,7 @@ def _shown_at(survey: Survey, view: View, image: pycolmap.Image, corner: Array, 
     return begin + float(share[0]) * (end - begin) if face[0] >= 0 else None
 
 
-def _off(frame: Frame, corner: Array, shown: Array) -> Array:
+def _off(frame: DrawingFrame, corner: Array, shown: Array) -> Array:
     one, other = frame.to_drawing(np.stack([corner, shown]))[:, :2]
     return np.asarray(other - one)
 

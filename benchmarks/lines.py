@@ -23,7 +23,7 @@ from benchmarks.job_table import print_job_table
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades, plan_frame
 from mgf_engine.drawings.load import UpOptions, read_survey
-from mgf_engine.drawings.model import Frame, Line
+from mgf_engine.drawings.model import DrawingFrame, Polyline
 from mgf_engine.drawings.project import plan_grid
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.evaluation.surfaces import read_surface
@@ -59,7 +59,7 @@ class Score:
         return [str(self.lines), *(f"{100 * share:.1f} %" for share in shares), f"{far:.0f}"]
 
 
-def true_edges(at: Array, faces: NDArray[np.int64], frame: Frame, pixel: float) -> tuple[Array, Array]:
+def true_edges(at: Array, faces: NDArray[np.int64], frame: DrawingFrame, pixel: float) -> tuple[Array, Array]:
     """Find the edges of a mesh that a frame shows.
 
     Args:
@@ -96,7 +96,7 @@ def true_edges(at: Array, faces: NDArray[np.int64], frame: Frame, pixel: float) 
     return np.concatenate(every), np.concatenate(main)
 
 
-def points_on(lines: Sequence[Line], spacing: float) -> Array:
+def points_on(lines: Sequence[Polyline], spacing: float) -> Array:
     """Return points at even distances on lines, [n, 2]."""
     points = [np.zeros((0, 2))]
     for line in lines:
@@ -106,7 +106,7 @@ def points_on(lines: Sequence[Line], spacing: float) -> Array:
     return np.concatenate(points)
 
 
-def compare(lines: Sequence[Line], edges: tuple[Array, Array], pixel: float) -> Score:
+def compare(lines: Sequence[Polyline], edges: tuple[Array, Array], pixel: float) -> Score:
     """Compare the lines of a drawing with points on all true edges and on the main ones."""
     points = points_on(lines, FINE * pixel)
     distance = cKDTree(edges[0]).query(points)[0] if len(edges[0]) else np.full(len(points), np.inf)

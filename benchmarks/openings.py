@@ -23,7 +23,7 @@ from benchmarks.shapes import Part
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades
 from mgf_engine.drawings.load import UpOptions, read_survey
-from mgf_engine.drawings.model import Frame, Survey
+from mgf_engine.drawings.model import DrawingFrame, Survey
 from mgf_engine.drawings.opening_edges import edge_photos
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.regions import survey_planes
@@ -82,7 +82,7 @@ def _is_opening(element: str) -> bool:
     return any(kind in element.rpartition(".")[2] for kind in ("window", "door", "gate"))
 
 
-def boxes_in(openings: Sequence[Array], frame: Frame, survey: Survey, truth: Surface) -> Array:
+def boxes_in(openings: Sequence[Array], frame: DrawingFrame, survey: Survey, truth: Surface) -> Array:
     """Return left, low, right, high of the openings that an elevation shows, [N, 4]."""
     toward = survey.turn.T @ frame.normal @ survey.georeference.rotation  # scene frame
     boxes = []

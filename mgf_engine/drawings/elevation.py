@@ -11,14 +11,25 @@ import numpy as np
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.merge_regions import RegionMergingOptions, merge_regions
 from mgf_engine.drawings.merge_segments import merge_segments
-from mgf_engine.drawings.model import CREASE, DETAIL, LEANING, OUTLINE, STEP, Array, Frame, Line, LineDrawing, Survey
+from mgf_engine.drawings.model import (
+    CREASE,
+    DETAIL,
+    LEANING,
+    OUTLINE,
+    STEP,
+    Array,
+    DrawingFrame,
+    LineDrawing,
+    Polyline,
+    Survey,
+)
 from mgf_engine.drawings.opening_edges import EdgePhotos
 from mgf_engine.drawings.openings import WallOpeningOptions, find_openings
 from mgf_engine.drawings.overhangs import OverhangOptions, square_overhangs
 from mgf_engine.drawings.plane_lines import PlaneLineOptions, plane_lines
 from mgf_engine.drawings.project import Grid, GridBuffers, render_grid
 from mgf_engine.drawings.rectangles import RectangleOptions, fit_rectangle, rectangle_stroke
-from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionOptions, Regions, find_regions
+from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionMap, RegionOptions, find_regions
 from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, straighten
 from mgf_engine.drawings.trace import Chain, trace
 from mgf_engine.mesh.plane_detection import Planes
@@ -48,7 +59,7 @@ class ElevationOptions:
 def draw_elevation(
     survey: Survey,
     planes: Planes,
-    frame: Frame,
+    frame: DrawingFrame,
     options: ElevationOptions = ElevationOptions(),
     photos: EdgePhotos | None = None,
 ) -> LineDrawing:
@@ -98,12 +109,12 @@ def draw_elevation(
     return LineDrawing(frame, lines, [], openings)
 
 
-def _is_upright(frame: Frame) -> bool:
+def _is_upright(frame: DrawingFrame) -> bool:
     return bool(abs(frame.normal[2]) <= LEANING)
 
 
 def _openings(
-    survey: Survey, regions: Regions, seen: GridBuffers, options: ElevationOptions, photos: EdgePhotos | None
+    survey: Survey, regions: RegionMap, seen: GridBuffers, options: ElevationOptions, photos: EdgePhotos | None
 ) -> list[Array]:
     """Return left, top, right, bottom of the openings in upright walls, in pixels of the map; none seen from above."""
     if not _is_upright(regions.grid.frame):
@@ -131,7 +142,7 @@ def _draw_rectangle(
 
 
 def classify(
-    chain: Chain, regions: Regions, pixel: float, options: ElevationOptions = ElevationOptions()
+    chain: Chain, regions: RegionMap, pixel: float, options: ElevationOptions = ElevationOptions()
 ) -> str | None:
     """Return the layer of a border between two regions; None where there is nothing to draw.
 
@@ -159,7 +170,7 @@ def _is_opening(chain: Chain, kind: str) -> bool:
     return kind in (STEP, DETAIL) and chain.ends[0] == chain.ends[1]
 
 
-def meeting_line(regions: Regions, chain: Chain) -> Array | None:
+def meeting_line(regions: RegionMap, chain: Chain) -> Array | None:
     """Intersect the planes on both sides: the line of all its length as :func:`plane_lines` has them,
     [1, 5]; None where they are parallel."""
     line = regions.slope[chain.low - 1] - regions.slope[chain.high - 1]
@@ -167,12 +178,12 @@ def meeting_line(regions: Regions, chain: Chain) -> Array | None:
     return np.array([[*line / length, -np.inf, np.inf]]) if length > 1e-6 else None
 
 
-def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:
+def with_parts(drawing: LineDrawing, parts: list[Polyline]) -> LineDrawing:
     """Return the drawing with the outlines of parts; other lines inside them, which are but their frames' noise, go."""
     boxes = [(line.points.min(0), line.points.max(0)) for line in parts]
     slack = 0.1 * min((float((high - low).min()) for low, high in boxes), default=0.0)
 
-    def outside(line: Line) -> bool:
+    def outside(line: Polyline) -> bool:
         return line.layer == OUTLINE or not any(
             (line.points >= low - slack).all() and (line.points <= high + slack).all() for low, high in boxes
         )
@@ -182,7 +193,7 @@ def with_parts(drawing: LineDrawing, parts: list[Line]) -> LineDrawing:
     )
 
 
-def _merged(strokes: list[Stroke], kinds: list[str], pixel: float, lines: StraightenOptions) -> list[Line]:
+def _merged(strokes: list[Stroke], kinds: list[str], pixel: float, lines: StraightenOptions) -> list[Polyline]:
     """Merge the lines of each layer that are on one line."""
     result = []
     for layer in dict.fromkeys(kinds):
@@ -192,5 +203,5 @@ def _merged(strokes: list[Stroke], kinds: list[str], pixel: float, lines: Straig
             if kind == layer
             for start, end in pairwise(stroke.points)
         ]
-        result += [Line(np.stack(segment), layer) for segment in merge_segments(segments, pixel, lines)]
+        result += [Polyline(np.stack(segment), layer) for segment in merge_segments(segments, pixel, lines)]
     return result

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.model import LEANING, Array, Facade, Frame, Survey
+from mgf_engine.drawings.model import LEANING, Array, DrawingFrame, Facade, Survey
 from mgf_engine.errors import BadInput
 
 COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
@@ -121,13 +121,13 @@ def facade_through(survey: Survey, points: Array, name: str, options: FacadeOpti
     return Facade(frame, direction, wall, float(np.degrees(np.arcsin(-normal[2]))))
 
 
-def plan_frame(survey: Survey, facades: list[Facade]) -> Frame:
+def plan_frame(survey: Survey, facades: list[Facade]) -> DrawingFrame:
     """Return the level frame seen from above: x is east where north is known, else along the first facade."""
     x = np.array([1.0, 0.0, 0.0])
     if not survey.georeference.north_known and facades:
         x = facades[0].frame.x
     y = np.cross([0.0, 0.0, 1.0], x)
-    return _around(survey, Frame("plan", np.zeros(3), x, y, np.zeros(2), np.zeros(2)))
+    return _around(survey, DrawingFrame("plan", np.zeros(3), x, y, np.zeros(2), np.zeros(2)))
 
 
 def _between(one: NDArray[np.float64] | float, other: float) -> NDArray[np.float64]:
@@ -187,17 +187,17 @@ def _fit(survey: Survey, faces: NDArray[np.int64]) -> tuple[Array, Array]:
     return middle, normal * np.sign(normal @ mean or 1.0)
 
 
-def _frame(survey: Survey, direction: float, offset: float, name: str) -> Frame:
+def _frame(survey: Survey, direction: float, offset: float, name: str) -> DrawingFrame:
     """Return the vertical frame ``normal @ x = offset`` around the whole building; x begins at its left end."""
     normal, up = _level(direction), np.array([0.0, 0.0, 1.0])
     x = np.cross(up, normal)
     left = float((survey.mesh.vertices @ x).min())
-    return _around(survey, Frame(name, normal * offset + x * left, x, up, np.zeros(2), np.zeros(2)))
+    return _around(survey, DrawingFrame(name, normal * offset + x * left, x, up, np.zeros(2), np.zeros(2)))
 
 
-def _around(survey: Survey, frame: Frame) -> Frame:
+def _around(survey: Survey, frame: DrawingFrame) -> DrawingFrame:
     at = frame.to_drawing(survey.mesh.vertices)[:, :2]
-    return Frame(frame.name, frame.origin, frame.x, frame.y, at.min(0), at.max(0))
+    return DrawingFrame(frame.name, frame.origin, frame.x, frame.y, at.min(0), at.max(0))
 
 
 def _named(facades: list[Facade], compass: bool) -> list[Facade]:
@@ -210,8 +210,5 @@ def _named(facades: list[Facade], compass: bool) -> list[Facade]:
         taken[name] = taken.get(name, 0) + 1
         names.append(name if taken[name] == 1 else f"{name}-{taken[name]}")
     return [
-        Facade(
-            Frame(name, f.frame.origin, f.frame.x, f.frame.y, f.frame.low, f.frame.high), f.direction, f.wall, f.tilt
-        )
-        for name, f in zip(names, ordered, strict=True)
+        replace(facade, frame=replace(facade.frame, name=name)) for name, facade in zip(names, ordered, strict=True)
     ]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.drawings.model import Frame, Survey
+from mgf_engine.drawings.model import DrawingFrame, Survey
 from mgf_engine.drawings.project import Grid
 from mgf_engine.drawings.vector_files import file_shift
 from mgf_engine.system import atomic_path
@@ -72,13 +72,13 @@ def placement(grid: Grid, survey: Survey) -> dict[str, Any]:
     }
 
 
-def in_crs(frame: Frame, survey: Survey) -> bool:
+def in_crs(frame: DrawingFrame, survey: Survey) -> bool:
     """Tell whether the axes of a drawing are those of the job's CRS."""
     level = frame.normal[2] > 0.999999 and frame.x[0] > 0.999999
     return bool(level and survey.georeference.crs is not None)
 
 
-def frame_tags(frame: Frame, survey: Survey) -> dict[str, str]:
+def frame_tags(frame: DrawingFrame, survey: Survey) -> dict[str, str]:
     """Return the tags that place a drawing in the world: a point (x, y) of it is ``ORIGIN + x X_AXIS + y Y_AXIS``."""
     vectors = {"X_AXIS": frame.x, "Y_AXIS": frame.y, "NORMAL": frame.normal}
     axes = {name: _numbers(vector @ survey.turn) for name, vector in vectors.items()}

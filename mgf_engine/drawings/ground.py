@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.drawings.facades import plan_frame
 from mgf_engine.drawings.model import Facade, Survey
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid
 
@@ -16,33 +17,41 @@ _PIXELS = 400  # longest side of the map of the ground plan
 
 
 @dataclass(frozen=True)
-class Ground:
-    """A height in the local frame, and whether points of the terrain around the building tell it, or the mesh's lower
-    end."""
+class GroundLevel:
+    """The ground around the building.
+
+    Attributes:
+        height: in the local frame.
+        source: what tells it, points of the ``TERRAIN`` around the building or the lower end of the ``MESH``.
+    """
 
     height: float
     source: str
 
 
-def ground_of(survey: Survey, facades: list[Facade]) -> Ground:
-    """Return the ground around a building that is drawn."""
-    from mgf_engine.drawings.facades import plan_frame
-
+def find_ground_level(survey: Survey, facades: list[Facade]) -> GroundLevel:
+    """Find the height of the ground around a building with these facades."""
     frame = plan_frame(survey, facades)
     grid = plan_grid(frame, float(frame.size.max()) / _PIXELS)
     seen = render_grid(survey, grid)
-    return find_ground(survey, seen.face >= 0, seen.grid)
+    return find_ground_level_around(survey, seen.face >= 0, seen.grid)
 
 
-def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> Ground:
-    """Find the height of the ground: of the terrain's points around the building, else of the mesh's lower end."""
+def find_ground_level_around(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> GroundLevel:
+    """Find the height of the ground: of the terrain's points around the building, else of the mesh's lower end.
+
+    Args:
+        survey: mesh and sparse points.
+        inside: pixels of the ground plan that the building covers, bool [H, W].
+        grid: of the ground plan.
+    """
     z = survey.mesh.vertices[:, 2]
     bottom, height = float(np.percentile(z, 0.5)), float(np.ptp(z))
     scene = survey.scene
     points = survey.local(scene.to_normalised.invert(scene.points[~survey.masks.point_mask]))
     row, column = np.nonzero(inside)
     if not len(row) or not len(points):
-        return Ground(bottom, MESH)
+        return GroundLevel(bottom, MESH)
     plan = grid.places(np.stack([column, row], 1).astype(np.float64) + 0.5)
     reach = 0.3 * float(np.linalg.norm(np.ptp(plan, axis=0)))
     near = ((points[:, :2] > plan.min(0) - reach) & (points[:, :2] < plan.max(0) + reach)).all(1)
@@ -51,7 +60,7 @@ def find_ground(survey: Survey, inside: NDArray[np.bool_], grid: Grid) -> Ground
     within = (column >= 0) & (column < grid.width) & (row >= 0) & (row < grid.height)
     near[within] &= ~inside[row[within], column[within]]
     if near.sum() < 30:
-        return Ground(bottom, MESH)
+        return GroundLevel(bottom, MESH)
     low, found, high = np.percentile(points[near, 2], (25, 50, 75)).tolist()
     level = high - low < 0.1 * height and abs(found - bottom) < 0.15 * height
-    return Ground(found, TERRAIN) if level else Ground(bottom, MESH)
+    return GroundLevel(found, TERRAIN) if level else GroundLevel(bottom, MESH)

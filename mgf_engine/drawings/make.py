@@ -10,10 +10,10 @@ import numpy as np
 
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation, with_parts
 from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_facades, plan_frame
-from mgf_engine.drawings.ground import ground_of
+from mgf_engine.drawings.ground import find_ground_level
 from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.drawings.load import UpOptions, read_survey
-from mgf_engine.drawings.model import Facade, Frame, Survey
+from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
 from mgf_engine.drawings.opening_edges import edge_photos
 from mgf_engine.drawings.orthophoto import Visibility, paint, unseen_text
 from mgf_engine.drawings.parts import PartOutlineOptions, part_lines, part_shares
@@ -79,7 +79,7 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
             config = with_algorithms_of_job(job, wanted.algorithms, reporter.warning)
             survey = read_survey(job, options=config.algorithm(UpOptions))
             facades = _facades(survey, wanted, config.algorithm(FacadeOptions))
-            ground = ground_of(survey, facades)
+            ground = find_ground_level(survey, facades)
         _tell(survey, reporter)
         work = Work(
             survey=survey, facades=facades, wanted=wanted, ground=ground, title=job.resolve().name,
@@ -146,7 +146,7 @@ def _draw(work: Work) -> None:
 
 def _draw_frame(
     work: Work,
-    frame: Frame,
+    frame: DrawingFrame,
     facade: Facade | None,
     painting: Painting,
     visibility: Visibility,
@@ -191,7 +191,7 @@ def _draw_frame(
             work.rows += wall_rows(survey, facade, deviation, parts)
 
 
-def _sections(work: Work, frames: Sequence[Frame]) -> None:
+def _sections(work: Work, frames: Sequence[DrawingFrame]) -> None:
     """Draw the sections that the frames cut, and their sheets."""
     for k, frame in enumerate(frames):
         work.reporter.progress(_PAINTED + (1.0 - _PAINTED) * k / len(frames))
@@ -207,6 +207,6 @@ def _sections(work: Work, frames: Sequence[Frame]) -> None:
                 write_sheet_files(work, f"section-{frame.name}", f"Section {frame.name}", made.drawing)
 
 
-def _grid(work: Work, frame: Frame) -> Grid:
+def _grid(work: Work, frame: DrawingFrame) -> Grid:
     resolution = work.wanted.resolution or round_resolution(work.survey.pixel)
     return plan_grid(frame, resolution)

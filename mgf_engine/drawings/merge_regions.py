@@ -19,7 +19,7 @@ from scipy.ndimage import find_objects
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.drawings.project import GridBuffers
-from mgf_engine.drawings.regions import LOOSE, NOTHING, Regions, boxes_of_labels
+from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionMap, boxes_of_labels
 
 Box = tuple[slice, slice]
 
@@ -54,7 +54,7 @@ class Part:
 
 
 def merge_regions(
-    regions: Regions, seen: GridBuffers, survey: Survey, options: RegionMergingOptions = RegionMergingOptions()
+    regions: RegionMap, seen: GridBuffers, survey: Survey, options: RegionMergingOptions = RegionMergingOptions()
 ) -> None:
     """Merge regions of a map with others beside them.
 

@@ -8,7 +8,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
+from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference
 from mgf_engine.mesh.parts import Elements
@@ -22,7 +24,7 @@ LEANING = float(np.sin(np.radians(12.0)))
 
 
 @dataclass(frozen=True)
-class Frame:
+class DrawingFrame:
     """A plane to draw on, seen from outside; lengths in the unit of the local frame.
 
     Attributes:
@@ -69,7 +71,7 @@ class Facade:
         tilt: degrees by which that plane leans outwards at its top, negative inwards.
     """
 
-    frame: Frame
+    frame: DrawingFrame
     direction: float
     wall: NDArray[np.int64]
     tilt: float
@@ -113,8 +115,6 @@ class Survey:
     @cached_property
     def areas(self) -> Array:
         """Areas of the faces, [F]."""
-        from mgf_engine.geometry.clean import face_areas
-
         return face_areas(self.mesh)
 
     @cached_property
@@ -142,7 +142,7 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class Line:
+class Polyline:
     """A polyline of a drawing.
 
     Attributes:
@@ -155,25 +155,23 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Area:
-    """What a section cuts through: an outer ring [n, 2] and holes, drawing coordinates."""
-
-    outer: Array
-    holes: tuple[Array, ...] = ()
-
-
-@dataclass(frozen=True)
 class LineDrawing:
-    """Lines on a frame, and the areas to be hatched.
+    """Lines on a frame.
 
     Attributes:
+        areas: what a section cuts through, to be hatched; drawing coordinates.
         openings: windows, doors and bays that are drawn as rectangles: left, low, right, high in the drawing [4].
     """
 
-    frame: Frame
-    lines: list[Line]
-    areas: list[Area]
+    frame: DrawingFrame
+    lines: list[Polyline]
+    areas: list[Polygon]
     openings: list[Array] = field(default_factory=list)
+
+
+def rings_of(area: Polygon) -> list[Array]:
+    """Return the outer ring and the holes of an area, [n, 2] each, the first point again at the end."""
+    return [np.asarray(ring.coords) for ring in (area.exterior, *area.interiors)]
 
 
 #: Layers of line drawings and their pen widths in millimetres, heaviest first.

@@ -21,7 +21,7 @@ from scipy.ndimage import gaussian_filter1d
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.orthophoto import Visibility
-from mgf_engine.drawings.regions import Regions
+from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.model.scene import View
 from mgf_engine.texture.painting import Painting
 
@@ -89,7 +89,7 @@ def edge_photos(survey: Survey, painting: Painting, visibility: Visibility) -> E
 def move_edges(
     boxes: Array,
     walls: Sequence[int],
-    regions: Regions,
+    regions: RegionMap,
     pixel: float,
     photos: EdgePhotos,
     options: OpeningEdgeOptions = OpeningEdgeOptions(),
@@ -163,7 +163,13 @@ def wall_side_edge(
 
 
 def _mean_gradient(
-    box: Array, side: int, wall: int, regions: Regions, offsets: Array, photos: EdgePhotos, options: OpeningEdgeOptions
+    box: Array,
+    side: int,
+    wall: int,
+    regions: RegionMap,
+    offsets: Array,
+    photos: EdgePhotos,
+    options: OpeningEdgeOptions,
 ) -> Array | None:
     """Return the mean over the photos of the gradient across an edge, each with 1 as its largest, [n]; None where no
     photo shows the edge."""
@@ -194,7 +200,9 @@ def _mean_gradient(
     return total / weights if weights > 0 else None
 
 
-def _strip(box: Array, side: int, regions: Regions, offsets: Array, options: OpeningEdgeOptions) -> tuple[Array, Array]:
+def _strip(
+    box: Array, side: int, regions: RegionMap, offsets: Array, options: OpeningEdgeOptions
+) -> tuple[Array, Array]:
     """Return points across an edge in drawing coordinates, [rows along it, offsets, 2], and the direction out of the
     opening [2]."""
     left, top = regions.grid.places(box[:2])

@@ -21,7 +21,7 @@ from mgf_engine.drawings.model import Array
 from mgf_engine.drawings.opening_edges import EdgePhotos, OpeningEdgeOptions, move_edges
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.rectangles import align_edges
-from mgf_engine.drawings.regions import Regions
+from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.geometry.boxes import box_areas, intersection_areas
 
 
@@ -44,7 +44,7 @@ class WallOpeningOptions:
 
 
 def find_openings(
-    regions: Regions,
+    regions: RegionMap,
     seen: GridBuffers,
     pixel: float,
     options: WallOpeningOptions = WallOpeningOptions(),
@@ -73,7 +73,7 @@ def find_openings(
 
 
 def _walls(
-    regions: Regions, seen: GridBuffers, options: WallOpeningOptions
+    regions: RegionMap, seen: GridBuffers, options: WallOpeningOptions
 ) -> Iterator[tuple[int, NDArray[np.float32], tuple[slice, slice], int]]:
     """Yield each wall's label, depth map (behind its plane; NaN where nothing is seen), box in the map, and area."""
     label = np.where(regions.label > len(regions.slope), 0, regions.label)

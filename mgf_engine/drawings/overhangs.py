@@ -14,8 +14,8 @@ import numpy as np
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array
-from mgf_engine.drawings.regions import NOTHING, Regions
-from mgf_engine.drawings.straighten import Run, Stroke
+from mgf_engine.drawings.regions import NOTHING, RegionMap
+from mgf_engine.drawings.straighten import FittedSegment, Stroke
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class OverhangOptions:
 
 
 def square_overhangs(
-    stroke: Stroke, regions: Regions, pixel: float, options: OverhangOptions = OverhangOptions()
+    stroke: Stroke, regions: RegionMap, pixel: float, options: OverhangOptions = OverhangOptions()
 ) -> None:
     """Draw short slanted lines below overhangs as a level and an upright one.
 
@@ -39,11 +39,11 @@ def square_overhangs(
         pixel: a ground pixel, local unit.
         options: lengths of the lines.
     """
-    for k, run in enumerate(stroke.runs):
+    for k, segment in enumerate(stroke.segments):
         for beside in (k - 1, k + 1):
-            if not 0 <= beside < len(stroke.runs) or not stroke.runs[beside].upright:
+            if not 0 <= beside < len(stroke.segments) or not stroke.segments[beside].upright:
                 continue
-            if run.upright or run.level or run.length > options.longest * pixel:
+            if segment.upright or segment.level or segment.length > options.longest * pixel:
                 continue
             inner, outer = (k, k + 1) if beside < k else (k + 1, k)
             wall, edge = stroke.points[inner], stroke.points[outer]
@@ -51,12 +51,12 @@ def square_overhangs(
             if edge[1] > wall[1] and away > options.least * pixel and _is_inside(regions, wall, edge):
                 corner = np.array([wall[0], edge[1]])
                 along = np.array([np.sign(stroke.points[k + 1, 0] - stroke.points[k, 0]), 0.0])
-                stroke.runs[k] = Run(0.5 * (corner + edge), along, away, True)
+                stroke.segments[k] = FittedSegment(0.5 * (corner + edge), along, away, True)
                 stroke.points[inner] = corner
                 break
 
 
-def _is_inside(regions: Regions, wall: Array, edge: Array) -> bool:
+def _is_inside(regions: RegionMap, wall: Array, edge: Array) -> bool:
     """Tell whether the building covers the middle of the triangle below an overhang."""
     middle = (wall + edge + np.array([wall[0], edge[1]])) / 3
     column, row = np.floor(regions.grid.pixels(middle)).astype(int)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.model import PART, Array, Line, Survey
+from mgf_engine.drawings.model import PART, Array, Polyline, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.rectangles import align_edges
@@ -83,13 +83,13 @@ def part_shares(
 
 def part_lines(
     shares: dict[str, NDArray[np.float32]], grid: Grid, options: PartOutlineOptions = PartOutlineOptions()
-) -> list[Line]:
+) -> list[Polyline]:
     """Return the outlines of all parts: rectangles, aligned where they differ by noise only, else polygons."""
     boxes, others = part_shapes(shares, options)
-    lines = [Line(_polygon(own, x, y, grid, options.straightening), layer_of(name)) for name, own, x, y in others]
+    lines = [Polyline(_polygon(own, x, y, grid, options.straightening), layer_of(name)) for name, own, x, y in others]
     for name, (left, top, right, bottom) in boxes:
         ring = np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
-        lines.append(Line(grid.places(ring), layer_of(name)))
+        lines.append(Polyline(grid.places(ring), layer_of(name)))
     return lines
 
 

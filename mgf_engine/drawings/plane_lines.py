@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.model import Array, Frame, Survey
+from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.mesh.plane_detection import Planes
 
 
@@ -28,7 +28,9 @@ class PlaneLineOptions:
     apart: float = parameter(8.0, "Largest distance of two planes that meet from each other", "ground px")
 
 
-def plane_lines(survey: Survey, planes: Planes, frame: Frame, options: PlaneLineOptions = PlaneLineOptions()) -> Array:
+def plane_lines(
+    survey: Survey, planes: Planes, frame: DrawingFrame, options: PlaneLineOptions = PlaneLineOptions()
+) -> Array:
     """Return the lines that the planes of a mesh give in a drawing: ``a x + b y + c = 0`` with (a, b) of length 1, and
     where along (b, -a) each begins and ends, drawing coordinates [K, 5].
 
@@ -50,7 +52,7 @@ def plane_lines(survey: Survey, planes: Planes, frame: Frame, options: PlaneLine
     return np.array(found).reshape(-1, 5)
 
 
-def _boxes(survey: Survey, planes: Planes, frame: Frame, large: NDArray[np.int64]) -> Array:
+def _boxes(survey: Survey, planes: Planes, frame: DrawingFrame, large: NDArray[np.int64]) -> Array:
     """Return lowest and highest corner of the faces of planes, drawing coordinates and depth, [P, 2, 3]."""
     at = frame.to_drawing(survey.mesh.vertices)
     boxes = np.zeros((len(planes.normals), 2, 3))

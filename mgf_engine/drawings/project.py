@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.drawings.model import Array, Frame, Survey
+from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import render_parallel
 
@@ -28,7 +28,7 @@ class Grid:
         width, height: pixels.
     """
 
-    frame: Frame
+    frame: DrawingFrame
     resolution: float
     left: float
     top: float
@@ -64,7 +64,7 @@ class GridBuffers:
         return self.grid.frame.to_local(np.column_stack([at, self.before.ravel()[index]]))
 
 
-def plan_grid(frame: Frame, resolution: float) -> Grid:
+def plan_grid(frame: DrawingFrame, resolution: float) -> Grid:
     """Return the grid over all of a frame.
 
     Raises:

@@ -12,12 +12,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.ground import Ground
-from mgf_engine.drawings.model import Facade, Line, Survey
+from mgf_engine.drawings.ground import GroundLevel
+from mgf_engine.drawings.model import Facade, Polyline, Survey
 from mgf_engine.drawings.project import GridBuffers
-from mgf_engine.drawings.section import ring_area
 from mgf_engine.drawings.vector_files import layer_name
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.system import atomic_path
@@ -39,7 +39,7 @@ def small_unit(survey: Survey) -> str:
     return "mm" if survey.georeference.metric else "1/1000 units"
 
 
-def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], parts: Sequence[Line]) -> list[Row]:
+def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], parts: Sequence[Polyline]) -> list[Row]:
     """Measure a facade.
 
     Args:
@@ -66,7 +66,7 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
         rows.append((facade.name, "deviation, 1st percentile", f"{low:.1f}", small))
         rows.append((facade.name, "deviation, 99th percentile", f"{high:.1f}", small))
     for layer in sorted({line.layer for line in parts}):
-        area = sum(ring_area(line.points) for line in parts if line.layer == layer)
+        area = sum(Polygon(line.points).area for line in parts if line.layer == layer)
         name = layer_name(layer)
         rows.append((facade.name, f"area of {name}", f"{area:.2f}", f"{unit}2"))
         if all_walls > 0:
@@ -75,7 +75,7 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
 
 
 def building_rows(
-    survey: Survey, planes: Planes, ground: Ground, options: QuantityOptions = QuantityOptions()
+    survey: Survey, planes: Planes, ground: GroundLevel, options: QuantityOptions = QuantityOptions()
 ) -> list[Row]:
     """Return heights over the ground, roof planes, and the volume where the mesh is closed.
 

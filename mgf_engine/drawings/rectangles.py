@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array
-from mgf_engine.drawings.straighten import Run, Stroke
+from mgf_engine.drawings.straighten import FittedSegment, Stroke
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,12 @@ def fit_rectangle(corners: Array, options: RectangleOptions = RectangleOptions()
 def rectangle_stroke(ring: Array, ends: tuple[int, int]) -> Stroke:
     """Return a rectangle [4, 2], level and upright, as a closed stroke."""
     points = np.concatenate([ring, ring[:1]])
-    runs = []
+    segments = []
     for k in range(4):
         span = points[k + 1] - points[k]
         along = np.where(np.abs(span) == np.abs(span).max(), np.sign(span), 0.0)
-        runs.append(Run(0.5 * (points[k] + points[k + 1]), along, float(np.abs(span).max())))
-    return Stroke(runs, points, ends)
+        segments.append(FittedSegment(0.5 * (points[k] + points[k + 1]), along, float(np.abs(span).max())))
+    return Stroke(segments, points, ends)
 
 
 def align_edges(boxes: Array, distance: float) -> Array:

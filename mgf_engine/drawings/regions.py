@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.model import Array, Frame, Survey
+from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.drawings.project import Grid, GridBuffers, plan_grid, render_grid
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import Planes, planes_of
@@ -50,7 +50,7 @@ class RegionOptions:
 
 
 @dataclass(frozen=True)
-class Regions:
+class RegionMap:
     """A map of regions.
 
     Attributes:
@@ -79,7 +79,9 @@ def survey_planes(survey: Survey, options: PlanarOptions = PlanarOptions()) -> P
     return planes_of(survey.mesh, survey.working_pixel, options)
 
 
-def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOptions = RegionOptions()) -> Regions:
+def find_regions(
+    survey: Survey, planes: Planes, frame: DrawingFrame, options: RegionOptions = RegionOptions()
+) -> RegionMap:
     """Find the regions that a frame shows.
 
     Args:
@@ -94,7 +96,7 @@ def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOp
     slope = _slopes(planes, frame)
     plane = planes.label[np.maximum(seen.face, 0)]
     label = np.where(seen.face < 0, NOTHING, np.where(plane >= 0, plane + 1, LOOSE)).astype(np.int32)
-    regions = Regions(seen.grid, label, slope)
+    regions = RegionMap(seen.grid, label, slope)
     square = (pixel / resolution) ** 2
     _grow(regions, seen, options.plane_distance * pixel, options)
     regions = _further_planes(regions, seen, options.plane_distance * pixel, options.least_plane * square, options)
@@ -104,7 +106,7 @@ def find_regions(survey: Survey, planes: Planes, frame: Frame, options: RegionOp
     return regions
 
 
-def _slopes(planes: Planes, frame: Frame) -> Array:
+def _slopes(planes: Planes, frame: DrawingFrame) -> Array:
     """Return planes as functions of drawing coordinates, [P, 3]; level with the view where they are seen edge on."""
     along = planes.normals @ np.stack([frame.x, frame.y, frame.normal]).T
     level = planes.offsets - planes.normals @ frame.origin
@@ -112,7 +114,7 @@ def _slopes(planes: Planes, frame: Frame) -> Array:
     return np.stack([-along[:, 0] / facing, -along[:, 1] / facing, level / facing], 1)
 
 
-def _offsets(regions: Regions, seen: GridBuffers, label: int, box: tuple[slice, slice]) -> NDArray[np.float32]:
+def _offsets(regions: RegionMap, seen: GridBuffers, label: int, box: tuple[slice, slice]) -> NDArray[np.float32]:
     """Compute the distance of the surface at pixels of a box from a plane, along its normal; NaN without surface."""
     a, b, c = regions.slope[label - 1]
     grid, (rows, columns) = regions.grid, box
@@ -122,7 +124,7 @@ def _offsets(regions: Regions, seen: GridBuffers, label: int, box: tuple[slice, 
     return np.asarray(np.abs(off) * np.float32(1 / np.sqrt(a * a + b * b + 1)))
 
 
-def _grow(regions: Regions, seen: GridBuffers, near: float, options: RegionOptions) -> None:
+def _grow(regions: RegionMap, seen: GridBuffers, near: float, options: RegionOptions) -> None:
     """Give the loose pixels near planes that hang together with them to the nearest plane."""
     label = regions.label
     best, taken = np.full(label.shape, near, np.float32), np.zeros(label.shape, np.int32)
@@ -150,7 +152,9 @@ def _wider(box: tuple[slice, ...], shape: tuple[int, ...], share: float) -> tupl
     return rows, columns
 
 
-def _further_planes(regions: Regions, seen: GridBuffers, near: float, least: float, options: RegionOptions) -> Regions:
+def _further_planes(
+    regions: RegionMap, seen: GridBuffers, near: float, least: float, options: RegionOptions
+) -> RegionMap:
     """Find planes through large loose parts, one after the other."""
     rng, tried = np.random.default_rng(0), 0
     for box, own in list(_parts(regions.label, LOOSE)):
@@ -173,7 +177,7 @@ def _further_planes(regions: Regions, seen: GridBuffers, near: float, least: flo
 
 
 def _plane_through(
-    regions: Regions,
+    regions: RegionMap,
     seen: GridBuffers,
     box: tuple[slice, slice],
     own: NDArray[np.bool_],
@@ -218,7 +222,7 @@ def boxes_of_labels(label: NDArray[np.int32]) -> Iterator[tuple[int, tuple[slice
             yield LOOSE if value == last else value, box
 
 
-def _merge_small(regions: Regions, least: float, hole: float) -> None:
+def _merge_small(regions: RegionMap, least: float, hole: float) -> None:
     """Give connected regions and holes of fewer pixels the label of the nearest larger region."""
     label = regions.label
     small = np.zeros(label.shape, bool)

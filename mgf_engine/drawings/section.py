@@ -8,9 +8,10 @@ from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.model import CUT, Area, Array, Frame, Line, LineDrawing, Survey
+from mgf_engine.drawings.model import CUT, Array, DrawingFrame, LineDrawing, Polyline, Survey, rings_of
 from mgf_engine.drawings.straighten import StraightenOptions, straighten
 
 
@@ -48,7 +49,7 @@ class Cut:
     bridged: float = 0.0
 
 
-def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()) -> Cut:
+def cut(survey: Survey, frame: DrawingFrame, options: SectionOptions = SectionOptions()) -> Cut:
     """Cut the mesh by the frame's plane."""
     pixel = survey.working_pixel
     paths = [frame.to_drawing(path)[:, :2] for path in _paths(survey, frame)]
@@ -67,15 +68,15 @@ def cut(survey: Survey, frame: Frame, options: SectionOptions = SectionOptions()
         for ring in rings
     ]
     areas = _areas(straight, options.least_area * pixel**2)
-    lines = [Line(ring, CUT) for area in areas for ring in (area.outer, *area.holes)]
+    lines = [Polyline(ring, CUT) for area in areas for ring in rings_of(area)]
     lines += [
-        Line(
+        Polyline(
             straighten(_resampled(path, options.spacing * pixel), (0, 1), pixel, options=options.straightening).points,
             CUT,
         )
         for path in loose
     ]
-    total = sum(ring_area(a.outer) - sum(map(ring_area, a.holes)) for a in areas)
+    total = sum(area.area for area in areas)
     return Cut(LineDrawing(frame, lines, areas), total, not loose, bridged)
 
 
@@ -98,7 +99,7 @@ def _bridged(paths: list[Array], most: float) -> tuple[list[Array], float]:
     return paths, length
 
 
-def _paths(survey: Survey, frame: Frame) -> list[Array]:
+def _paths(survey: Survey, frame: DrawingFrame) -> list[Array]:
     """Find where the plane cuts the mesh, as polylines [n, 3] in the local frame; closed ones repeat their first
     point."""
     before = (survey.mesh.vertices - frame.origin) @ frame.normal
@@ -148,29 +149,18 @@ def _resampled(path: Array, spacing: float) -> Array:
     return np.concatenate([*parts, path[-1:]])
 
 
-def _areas(rings: list[Array], least: float) -> list[Area]:
+def _areas(rings: list[Array], least: float) -> list[Polygon]:
     """Return the areas inside an odd number of rings (even-odd rule), those of at least ``least`` square units."""
-    from shapely import MultiPolygon, Polygon
-
     polygons = [Polygon(ring).buffer(0) for ring in rings if len(ring) > 3]
     if not polygons:
         return []
     inside = reduce(lambda one, other: one.symmetric_difference(other), polygons)
     parts = inside.geoms if isinstance(inside, MultiPolygon) else [inside]
     return [
-        Area(
-            np.array(part.exterior.coords),
-            tuple(np.array(hole.coords) for hole in part.interiors if Polygon(hole).area > least),
-        )
+        Polygon(part.exterior, [hole for hole in part.interiors if Polygon(hole).area > least])
         for part in parts
         if part.geom_type == "Polygon" and part.area > least
     ]
-
-
-def ring_area(ring: Array) -> float:
-    """Return the area inside a closed ring [N, 2]."""
-    x, y = (ring - ring[0]).T
-    return 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
 
 
 def _length(path: Array) -> float:

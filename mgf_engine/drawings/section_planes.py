@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mgf_engine.drawings.facades import plan_frame
-from mgf_engine.drawings.model import Facade, Frame, Survey
+from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
 from mgf_engine.drawings.section import SectionOptions
 from mgf_engine.errors import BadInput
 
@@ -20,7 +20,7 @@ def section_frames(
     wanted: Sequence[str],
     ground: float,
     options: SectionOptions = SectionOptions(),
-) -> list[Frame]:
+) -> list[DrawingFrame]:
     """Return the planes to cut at.
 
     Level ones are given as ``z=1.2`` above the ground, upright ones as ``A=3.5`` from a facade's left end, any others
@@ -56,7 +56,9 @@ def section_frames(
     ]
 
 
-def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, ground: float, options: SectionOptions) -> Frame:
+def _frame_of(
+    survey: Survey, facades: Sequence[Facade], text: str, ground: float, options: SectionOptions
+) -> DrawingFrame:
     """Parse one argument of ``--section``.
 
     Args:
@@ -94,7 +96,7 @@ def _frame_of(survey: Survey, facades: Sequence[Facade], text: str, ground: floa
 
 def _along_plane(
     survey: Survey, facades: Sequence[Facade], text: str, name: str, numbers: str, options: SectionOptions
-) -> Frame:
+) -> DrawingFrame:
     """Cut through a point along a plane, both of the scene frame; seen from the side that the normal points to.
 
     Raises:
@@ -111,29 +113,29 @@ def _along_plane(
     normal = survey.turn @ survey.georeference.rotation @ values[3:] / length
     if np.hypot(normal[0], normal[1]) < np.sin(np.radians(options.level_angle)):
         plan = plan_frame(survey, list(facades))
-        return Frame(name, plan.origin + point[2] * plan.normal, plan.x, plan.y, plan.low, plan.high)
+        return DrawingFrame(name, plan.origin + point[2] * plan.normal, plan.x, plan.y, plan.low, plan.high)
     up = np.array([0.0, 0.0, 1.0])
     if abs(normal[2]) < np.sin(np.radians(options.level_angle)):
         normal = np.array([normal[0], normal[1], 0.0]) / np.hypot(normal[0], normal[1])
         point = point - point[2] * up  # its y is the height
     x = np.cross(up, normal) / np.hypot(normal[0], normal[1])
-    frame = Frame(name, point, x, np.cross(normal, x), np.zeros(2), np.zeros(2))
+    frame = DrawingFrame(name, point, x, np.cross(normal, x), np.zeros(2), np.zeros(2))
     at = frame.to_drawing(survey.mesh.vertices)[:, :2]
     origin = point + at[:, 0].min() * x  # x begins at its left end
     low, high = at.min(0) - (at[:, 0].min(), 0), at.max(0) - (at[:, 0].min(), 0)
-    return Frame(name, origin, x, frame.y, low, high)
+    return DrawingFrame(name, origin, x, frame.y, low, high)
 
 
-def _level(survey: Survey, facades: Sequence[Facade], ground: float, above: float) -> Frame:
+def _level(survey: Survey, facades: Sequence[Facade], ground: float, above: float) -> DrawingFrame:
     plan = plan_frame(survey, list(facades))
     z = ground + above
-    return Frame(f"z-{above:.3g}", plan.origin + z * plan.normal, plan.x, plan.y, plan.low, plan.high)
+    return DrawingFrame(f"z-{above:.3g}", plan.origin + z * plan.normal, plan.x, plan.y, plan.low, plan.high)
 
 
-def _upright(survey: Survey, facade: Facade, distance: float) -> Frame:
+def _upright(survey: Survey, facade: Facade, distance: float) -> DrawingFrame:
     """Cut upright across a facade, seen from its left end."""
     normal, up = -facade.frame.x, np.array([0.0, 0.0, 1.0])
     origin = facade.frame.origin + facade.frame.x * (facade.frame.low[0] + distance)
-    frame = Frame(f"{facade.name}-{distance:.3g}", origin, np.cross(up, normal), up, np.zeros(2), np.zeros(2))
+    frame = DrawingFrame(f"{facade.name}-{distance:.3g}", origin, np.cross(up, normal), up, np.zeros(2), np.zeros(2))
     at = frame.to_drawing(survey.mesh.vertices)[:, :2]
-    return Frame(frame.name, origin, frame.x, up, at.min(0), at.max(0))
+    return DrawingFrame(frame.name, origin, frame.x, up, at.min(0), at.max(0))

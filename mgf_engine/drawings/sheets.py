@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from mgf_engine.drawings.model import (
     CREASE,
@@ -18,11 +19,11 @@ from mgf_engine.drawings.model import (
     OUTLINE,
     PART,
     STEP,
-    Area,
-    Frame,
+    DrawingFrame,
     LineDrawing,
     Survey,
     pen_width,
+    rings_of,
 )
 from mgf_engine.drawings.project import Grid
 from mgf_engine.drawings.vector_files import layer_name
@@ -68,7 +69,7 @@ def fitting_scale(size: NDArray[np.float64], paper: str) -> float:
     return next((scale for scale in SCALES if scale >= least), SCALES[-1])
 
 
-def north_in(survey: Survey, frame: Frame) -> NDArray[np.float64] | None:
+def north_in(survey: Survey, frame: DrawingFrame) -> NDArray[np.float64] | None:
     """Return the direction of north in a drawing from above, unit [2]; None in others, and if it is unknown."""
     if frame.normal[2] < 0.5 or not survey.georeference.north_known:
         return None
@@ -136,12 +137,12 @@ def write_sheet(path: Path, sheet: Sheet, drawing: LineDrawing, photo: tuple[NDA
         figure.savefig(temporary, format=path.suffix[1:], metadata={**how, "Title": f"{sheet.project}: {sheet.title}"})
 
 
-def _hatched(area: Area) -> Any:
+def _hatched(area: Polygon) -> Any:
     """Make the hatched patch of a cut area without its holes."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
 
-    rings = [Outline(ring, closed=True) for ring in (area.outer, *area.holes)]
+    rings = [Outline(ring, closed=True) for ring in rings_of(area)]
     return PathPatch(
         Outline.make_compound_path(*rings), facecolor="none", edgecolor="0.4", hatch="//", linewidth=0, clip_on=False
     )

@@ -19,7 +19,7 @@ from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.fraying import FrayedPart, FrayOptions, frayed_parts
 
 Array = NDArray[np.float64]
-_KNOWN_TURN = 0.3  # sine of the largest angle between a run and a known line
+_KNOWN_TURN = 0.3  # sine of the largest angle between a segment and a known line
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,15 @@ class StraightenOptions:
 
 
 @dataclass
-class Run:
-    """A straight part of a chain: a point on its line [2], its unit direction [2], its length; ``known`` is exact."""
+class FittedSegment:
+    """A straight part of a chain, by the line fitted to it.
+
+    Attributes:
+        at: a point on the line, [2].
+        along: its unit direction, [2].
+        length: of the part.
+        known: whether planes of the mesh give the line.
+    """
 
     at: Array
     along: Array
@@ -72,14 +79,14 @@ class Run:
 
 @dataclass
 class Stroke:
-    """A chain as straight runs with the points between them.
+    """A chain as straight segments with the points between them.
 
     Attributes:
-        runs: in order; points: [len(runs) + 1, 2], the first and last are its ends.
+        segments: in order; points: [len(segments) + 1, 2], the first and last are its ends.
         ends: as of the chain.
     """
 
-    runs: list[Run]
+    segments: list[FittedSegment]
     points: Array
     ends: tuple[int, int]
 
@@ -96,44 +103,44 @@ def straighten(
     options: StraightenOptions = StraightenOptions(),
     frayed: bool = False,
 ) -> Stroke:
-    """Return a chain as straight runs.
+    """Return a chain as straight segments.
 
     Args:
         corners: [n, 2], drawing coordinates.
         ends: numbers of the places where the chain ends.
         pixel: a ground pixel.
         known: lines ``a x + b y + c = 0`` with (a, b) of length 1 that planes give, such as where those on both sides
-            meet, and where along (b, -a) each begins and ends, [K, 5]; a run near one lies on it.
-        options: how far a run may leave the chain, and what counts as level or upright.
+            meet, and where along (b, -a) each begins and ends, [K, 5]; a segment near one lies on it.
+        options: how far a segment may leave the chain, and what counts as level or upright.
         frayed: whether the chain may wander about a known, level or upright line, as borders between regions do.
     """
     closed = ends[0] == ends[1]
     if closed:
-        corners = _begun_at_longest(_begun_at_a_corner(corners), options.split * pixel)
+        corners = _roll_to_longest(_roll_to_corner(corners), options.split * pixel)
     breaks = douglas_peucker(corners, options.split * pixel)
     found = frayed_parts(corners, breaks, pixel, known, options.fray) if frayed else []
     parts = {part.first: part for part in found}
     within = {row for part in parts.values() for row in breaks if part.first < row < part.last}
     breaks = [row for row in breaks if row not in within]
-    runs = [
-        _frayed_run(corners, parts[i], pixel, options)
+    segments = [
+        _frayed_segment(corners, parts[i], pixel, options)
         if i in parts
-        else _run(corners[i : j + 1], pixel, known, options)
+        else _fit_segment(corners[i : j + 1], pixel, known, options)
         for i, j in pairwise(breaks)
     ]
     at = corners[breaks].copy()
     for row, part in parts.items():
         k = breaks.index(row)
         at[k : k + 2] = part.nearest(at[k : k + 2])
-    runs, at = _without_short(runs, at, pixel, closed, options)
+    segments, at = _without_short(segments, at, pixel, closed, options)
     points = at.copy()
-    for k in range(1, len(runs)):
-        points[k] = crossing([runs[k - 1], runs[k]], at[k], pixel, options)
-    if closed and len(runs) > 1:
-        points[0] = points[-1] = crossing([runs[-1], runs[0]], at[0], pixel, options)
+    for k in range(1, len(segments)):
+        points[k] = crossing([segments[k - 1], segments[k]], at[k], pixel, options)
+    if closed and len(segments) > 1:
+        points[0] = points[-1] = crossing([segments[-1], segments[0]], at[0], pixel, options)
     elif not closed:
-        points[0], points[-1] = runs[0].nearest(at[0]), runs[-1].nearest(at[-1])
-    return Stroke(runs, points, ends)
+        points[0], points[-1] = segments[0].nearest(at[0]), segments[-1].nearest(at[-1])
+    return Stroke(segments, points, ends)
 
 
 def turn(one: Array, other: Array) -> float:
@@ -160,23 +167,27 @@ def douglas_peucker(points: Array, tolerance: float) -> list[int]:
     return sorted(kept)
 
 
-def crossing(runs: list[Run], place: Array, pixel: float, options: StraightenOptions = StraightenOptions()) -> Array:
+def crossing(
+    segments: list[FittedSegment], place: Array, pixel: float, options: StraightenOptions = StraightenOptions()
+) -> Array:
     """Find the point where lines meet near a place [2], by least squares; level, upright and known lines weigh more.
 
     Args:
-        runs: lines that meet there.
+        segments: lines that meet there.
         place: [2], drawing coordinates.
         pixel: a ground pixel.
         options: how far from the place they may cross.
     """
     matrix, right = 1e-9 * np.eye(2), 1e-9 * place
-    for run in runs:
-        across = np.array([-run.along[1], run.along[0]])
-        weight = run.length * (100.0 if run.known or run.upright or run.level else 1.0)
+    for segment in segments:
+        across = np.array([-segment.along[1], segment.along[0]])
+        weight = segment.length * (100.0 if segment.known or segment.upright or segment.level else 1.0)
         matrix = matrix + weight * np.outer(across, across)
-        right = right + weight * across * float(across @ run.at)
-    steepest = max((abs(turn(a.along, b.along)) for k, a in enumerate(runs) for b in runs[k + 1 :]), default=0.0)
-    mean = np.mean([run.nearest(place) for run in runs], axis=0)
+        right = right + weight * across * float(across @ segment.at)
+    steepest = max(
+        (abs(turn(a.along, b.along)) for k, a in enumerate(segments) for b in segments[k + 1 :]), default=0.0
+    )
+    mean = np.mean([segment.nearest(place) for segment in segments], axis=0)
     if steepest < np.sin(np.radians(options.crossing_angle)):
         return np.asarray(mean)
     found = np.linalg.solve(matrix, right)
@@ -215,18 +226,20 @@ def _join(members: list[tuple[Stroke, int]], place: Array, pixel: float, options
         pixel: a ground pixel.
         options: how far an end may be moved.
     """
-    runs = [stroke.runs[end] for stroke, end in members]
-    for axis, along in ((0, [run.upright for run in runs]), (1, [run.level for run in runs])):
+    segments = [stroke.segments[end] for stroke, end in members]
+    for axis, along in ((0, [segment.upright for segment in segments]), (1, [segment.level for segment in segments])):
         own = [k for k, yes in enumerate(along) if yes]
-        values = np.array([runs[k].at[axis] for k in own])
+        values = np.array([segments[k].at[axis] for k in own])
         if len(own) < 2 or np.ptp(values) <= options.apart * pixel:
             continue
-        others = [run for run, yes in zip(runs, along, strict=True) if not yes]
+        others = [segment for segment, yes in zip(segments, along, strict=True) if not yes]
         groups = values > 0.5 * (values.min() + values.max())
         points = []
         for group in (False, True):
             rows = [k for k, of in zip(own, groups.tolist(), strict=True) if of == group]
-            points.append(crossing([runs[k] for k in rows] + others, runs[rows[0]].nearest(place), pixel, options))
+            points.append(
+                crossing([segments[k] for k in rows] + others, segments[rows[0]].nearest(place), pixel, options)
+            )
             for k in rows:
                 members[k][0].points[members[k][1]] = points[-1]
         for k, (stroke, end) in enumerate(members):
@@ -234,25 +247,25 @@ def _join(members: list[tuple[Stroke, int]], place: Array, pixel: float, options
                 away = np.linalg.norm(np.array(points) - stroke.points[1 if end == 0 else -2], axis=1)
                 stroke.points[end] = points[int(away.argmax())]
         return
-    point = crossing(runs, place, pixel, options)
+    point = crossing(segments, place, pixel, options)
     for stroke, end in members:
         stroke.points[end] = point
 
 
-def _begun_at_a_corner(loop: Array) -> Array:
+def _roll_to_corner(loop: Array) -> Array:
     """Begin a closed polyline where it is farthest from its middle, which is a corner of most shapes."""
     first = int(np.linalg.norm(loop[:-1] - loop[:-1].mean(0), axis=1).argmax())
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 
 
-def _begun_at_longest(loop: Array, tolerance: float) -> Array:
+def _roll_to_longest(loop: Array, tolerance: float) -> Array:
     """Begin a closed polyline where its longest straight part begins."""
     breaks = douglas_peucker(loop, tolerance)
     first = max(pairwise(breaks), key=lambda ends: float(np.hypot(*(loop[ends[1]] - loop[ends[0]]))))[0]
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 
 
-def _run(corners: Array, pixel: float, known: Array | None, options: StraightenOptions) -> Run:
+def _fit_segment(corners: Array, pixel: float, known: Array | None, options: StraightenOptions) -> FittedSegment:
     """Fit the line through part of a chain."""
     middles = 0.5 * (corners[1:] + corners[:-1])
     span = corners[-1] - corners[0]
@@ -260,7 +273,7 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
     if known is not None and length > 0:
         line = _nearest_line(middles, span, known, options.plane_line_distance * pixel)
         if line is not None:
-            return _true(_on_line(corners.mean(0), span, length, line), pixel, options)
+            return _aligned_to_axes(_on_line(corners.mean(0), span, length, line), pixel, options)
     cut = min(len(middles) // 4, max(1, int(options.corner * pixel / max(length / len(middles), 1e-12))))
     inner = middles[cut : len(middles) - cut] if len(middles) > 6 else middles
     centre = inner.mean(0)
@@ -268,11 +281,11 @@ def _run(corners: Array, pixel: float, known: Array | None, options: StraightenO
         along = np.linalg.svd(inner - centre, full_matrices=False)[2][0]
     else:
         along = span / max(length, 1e-300)
-    return _true(Run(centre, along * (np.sign(along @ span) or 1.0), length), pixel, options)
+    return _aligned_to_axes(FittedSegment(centre, along * (np.sign(along @ span) or 1.0), length), pixel, options)
 
 
 def _nearest_line(middles: Array, span: Array, known: Array, most: float) -> Array | None:
-    """Return the line nearest to points [n, 2] of a run from one end to the other by ``span`` [2], None where all are
+    """Return the line nearest to points [n, 2] of a segment whose ends are ``span`` [2] apart; None where all lines are
     turned against it, end before its middle, or are further away than ``most``."""
     off = np.median(np.abs(middles @ known[:, :2].T + known[:, 2]), axis=0)
     along = middles.mean(0) @ np.stack([known[:, 1], -known[:, 0]])
@@ -282,53 +295,58 @@ def _nearest_line(middles: Array, span: Array, known: Array, most: float) -> Arr
     return known[rows[off[rows].argmin()]] if len(rows) else None
 
 
-def _frayed_run(corners: Array, part: FrayedPart, pixel: float, options: StraightenOptions) -> Run:
+def _frayed_segment(corners: Array, part: FrayedPart, pixel: float, options: StraightenOptions) -> FittedSegment:
     """Return the line of a frayed part of a chain."""
     ends = part.nearest(corners[[part.first, part.last]])
     span = ends[1] - ends[0]
-    run = _on_line(ends.mean(0), span, float(np.hypot(*span)), part.line)
-    return _true(run, pixel, options) if part.known else replace(run, known=False)
+    segment = _on_line(ends.mean(0), span, float(np.hypot(*span)), part.line)
+    return _aligned_to_axes(segment, pixel, options) if part.known else replace(segment, known=False)
 
 
-def _on_line(centre: Array, span: Array, length: float, line: Array) -> Run:
-    """Return the run on a line ``a x + b y + c = 0`` near a point [2], along the line as ``span`` [2] goes."""
+def _on_line(centre: Array, span: Array, length: float, line: Array) -> FittedSegment:
+    """Return the segment on a line ``a x + b y + c = 0`` near a point [2], along the line as ``span`` [2] goes."""
     across = line[:2]
     along = np.array([-across[1], across[0]])
-    return Run(centre - across * float(centre @ across + line[2]), along * (np.sign(along @ span) or 1.0), length, True)
+    return FittedSegment(
+        centre - across * float(centre @ across + line[2]), along * (np.sign(along @ span) or 1.0), length, True
+    )
 
 
-def _true(run: Run, pixel: float, options: StraightenOptions) -> Run:
-    """Return the run level or upright where it is so but for a ground pixel at its ends."""
+def _aligned_to_axes(segment: FittedSegment, pixel: float, options: StraightenOptions) -> FittedSegment:
+    """Return the segment level or upright where it is so but for a ground pixel at its ends."""
     for axis in range(2):
-        turn = abs(float(run.along[axis]))
-        if turn < np.sin(np.radians(options.level_angle)) and 0.5 * run.length * turn <= options.level_shift * pixel:
+        turn = abs(float(segment.along[axis]))
+        if (
+            turn < np.sin(np.radians(options.level_angle))
+            and 0.5 * segment.length * turn <= options.level_shift * pixel
+        ):
             along = np.zeros(2)
-            along[1 - axis] = np.sign(run.along[1 - axis])
-            return Run(run.at, along, run.length, run.known)
-    return run
+            along[1 - axis] = np.sign(segment.along[1 - axis])
+            return FittedSegment(segment.at, along, segment.length, segment.known)
+    return segment
 
 
 def _without_short(
-    runs: list[Run], at: Array, pixel: float, closed: bool, options: StraightenOptions
-) -> tuple[list[Run], Array]:
-    """Drop short runs where the lines beside them cross nearby; the first run of a loop is its longest."""
+    segments: list[FittedSegment], at: Array, pixel: float, closed: bool, options: StraightenOptions
+) -> tuple[list[FittedSegment], Array]:
+    """Drop short segments where the lines beside them cross nearby; the first segment of a loop is its longest."""
     k = 1
-    while k < len(runs) - (not closed) and len(runs) > 2:
-        last = k == len(runs) - 1
-        before, run, after = runs[k - 1], runs[k], runs[0 if last else k + 1]
-        if run.length < options.short * pixel and min(before.length, after.length) > run.length:
+    while k < len(segments) - (not closed) and len(segments) > 2:
+        last = k == len(segments) - 1
+        before, segment, after = segments[k - 1], segments[k], segments[0 if last else k + 1]
+        if segment.length < options.short * pixel and min(before.length, after.length) > segment.length:
             middle = 0.5 * (at[k] + at[k + 1])
             if abs(turn(before.along, after.along)) > np.sin(np.radians(options.crossing_angle)):
-                place = _cross(before, after)
+                place = _intersection(before, after)
                 if np.hypot(*(place - middle)) < options.meeting_distance * pixel:
-                    runs, at = runs[:k] + runs[k + 1 :], np.concatenate([at[:k], [place], at[k + 2 :]])
+                    segments, at = segments[:k] + segments[k + 1 :], np.concatenate([at[:k], [place], at[k + 2 :]])
                     if last:
                         at[0] = place
                     continue
         k += 1
-    return runs, at
+    return segments, at
 
 
-def _cross(one: Run, other: Run) -> Array:
+def _intersection(one: FittedSegment, other: FittedSegment) -> Array:
     matrix = np.stack([one.along, -other.along], 1)
     return np.asarray(one.at + one.along * np.linalg.solve(matrix, other.at - one.at)[0])

@@ -8,7 +8,20 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 
-from mgf_engine.drawings.model import CREASE, CUT, DETAIL, HATCH, OUTLINE, PART, STEP, Array, Frame, LineDrawing, Survey
+from mgf_engine.drawings.model import (
+    CREASE,
+    CUT,
+    DETAIL,
+    HATCH,
+    OUTLINE,
+    PART,
+    STEP,
+    Array,
+    DrawingFrame,
+    LineDrawing,
+    Survey,
+    rings_of,
+)
 from mgf_engine.drawings.model import pen_width as pen
 from mgf_engine.system import atomic_path
 
@@ -18,7 +31,7 @@ _HATCH = 3.0  # millimetres on paper between the lines of a hatch
 _ANSI31 = 3.175  # millimetres between those of the pattern ANSI31
 
 
-def file_shift(frame: Frame, survey: Survey) -> Array:
+def file_shift(frame: DrawingFrame, survey: Survey) -> Array:
     """Return the offset of drawing coordinates in files, [2]: easting and northing of the CRS, or height."""
     east, north, height = survey.georeference.offset
     if frame.normal[2] > 0.5:
@@ -55,9 +68,9 @@ def write_dxf(path: Path, drawing: LineDrawing, survey: Survey, scale: float) ->
     for area in drawing.areas:
         hatch = space.add_hatch(dxfattribs={"layer": HATCH})
         hatch.set_pattern_fill("ANSI31", scale=scale / 1000 * _HATCH / _ANSI31)
-        hatch.paths.add_polyline_path((area.outer[:-1] + shift).tolist(), is_closed=True, flags=1)
-        for hole in area.holes:
-            hatch.paths.add_polyline_path((hole[:-1] + shift).tolist(), is_closed=True, flags=0)
+        for number, ring in enumerate(rings_of(area)):
+            outer = number == 0
+            hatch.paths.add_polyline_path((ring[:-1] + shift).tolist(), is_closed=True, flags=int(outer))
     with atomic_path(path) as temporary:
         document.saveas(temporary)
 
@@ -91,7 +104,7 @@ def write_svg(path: Path, drawing: LineDrawing, survey: Survey, scale: float) ->
         _hatch_pattern(root, scale / 1000)
         group = Xml.SubElement(root, "g", {"id": HATCH, "fill": "url(#hatch)", "fill-rule": "evenodd"})
         for area in drawing.areas:
-            rings = [_path(ring + shift) + " Z" for ring in (area.outer, *area.holes)]
+            rings = [_path(ring + shift) + " Z" for ring in rings_of(area)]
             Xml.SubElement(group, "path", {"d": " ".join(rings)})
     for layer in _layers(drawing):
         if layer != HATCH:

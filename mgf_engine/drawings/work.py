@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from mgf_engine.drawings.ground import TERRAIN, Ground
+from mgf_engine.drawings.ground import TERRAIN, GroundLevel
 from mgf_engine.drawings.kinds import KINDS
-from mgf_engine.drawings.model import Facade, Frame, Survey
+from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
 from mgf_engine.drawings.quantities import Row
 from mgf_engine.output_folder import Deliverables
 
@@ -52,7 +52,7 @@ class Work(Deliverables):
     survey: Survey
     facades: list[Facade]
     wanted: DrawingOptions
-    ground: Ground
+    ground: GroundLevel
     title: str
     building: list[Row] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
@@ -61,7 +61,7 @@ class Work(Deliverables):
         """Tell whether one of these was asked for."""
         return not self.wanted.kinds.isdisjoint(kinds)
 
-    def levels(self, frame: Frame) -> list[tuple[float, str]]:
+    def levels(self, frame: DrawingFrame) -> list[tuple[float, str]]:
         """Return heights of an upright drawing (its y) that a sheet marks, and what stands there: over the ground where
         terrain tells it."""
         if abs(frame.normal[2]) > 1e-6:

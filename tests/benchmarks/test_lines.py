@@ -10,24 +10,28 @@ import pytest
 import trimesh
 
 from benchmarks.lines import compare, main, true_edges
-from mgf_engine.drawings.model import OUTLINE, STEP, Frame, Line
+from mgf_engine.drawings.model import OUTLINE, STEP, DrawingFrame, Polyline
 
 PIXEL = 0.1
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def block_before_a_wall(depth: float) -> tuple[np.ndarray, np.ndarray, Frame]:
+def block_before_a_wall(depth: float) -> tuple[np.ndarray, np.ndarray, DrawingFrame]:
     """A wall of 4 x 3 with a block of 1 x 1 that stands so far before it; vertices in drawing coordinates."""
     wall, block = trimesh.creation.box((4, 3, 1)), trimesh.creation.box((1, 1, 1))
     wall.apply_translation((2, 1.5, -0.5))
     block.apply_translation((1.5, 1.5, depth - 0.5))
     mesh = trimesh.util.concatenate([wall, block])
-    return mesh.vertices, mesh.faces, Frame("A", np.zeros(3), np.array([1.0, 0, 0]), UP, np.zeros(2), np.array([4, 3]))
+    return (
+        mesh.vertices,
+        mesh.faces,
+        DrawingFrame("A", np.zeros(3), np.array([1.0, 0, 0]), UP, np.zeros(2), np.array([4, 3])),
+    )
 
 
-def square(low: tuple[float, float], high: tuple[float, float], layer: str) -> Line:
+def square(low: tuple[float, float], high: tuple[float, float], layer: str) -> Polyline:
     (a, b), (c, d) = low, high
-    return Line(np.array([[a, b], [c, b], [c, d], [a, d], [a, b]]), layer)
+    return Polyline(np.array([[a, b], [c, b], [c, d], [a, d], [a, b]]), layer)
 
 
 @pytest.mark.parametrize("depth,every,large", [(0.5, True, True), (0.2, True, False), (0.02, False, False)])

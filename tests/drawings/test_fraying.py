@@ -37,8 +37,8 @@ def eaves(seed: int = 0) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(5))
 def test_frayed_eaves_are_one_level_line(seed: int, turned: bool) -> None:
     before, stroke = drawn(eaves(seed), frayed=False, turned=turned), drawn(eaves(seed), turned=turned)
-    assert len(before.runs) > 6
-    assert len(stroke.runs) == 1
+    assert len(before.segments) > 6
+    assert len(stroke.segments) == 1
     across = stroke.points[:, 0 if turned else 1]
     assert np.ptp(across) == 0 and across[0] == pytest.approx(50, abs=1.5)
     assert np.ptp(stroke.points[:, 1 if turned else 0]) == pytest.approx(WIDTH, abs=1)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mgf_engine.drawings.merge_regions import merge_regions
-from mgf_engine.drawings.model import Frame
+from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.project import Grid, GridBuffers
-from mgf_engine.drawings.regions import LOOSE, Regions
+from mgf_engine.drawings.regions import LOOSE, RegionMap
 
 PIXEL = 0.1  # the map has two pixels to it
 HEIGHT, WIDTH = 160, 200
@@ -23,13 +23,15 @@ def merge(label: np.ndarray, slope: np.ndarray, up: np.ndarray, level: bool = Fa
     """Labels after merging; the surface lies in the plane of each label, ``up`` is its normal's part upwards [H, W]."""
     x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]) if level else np.array([0.0, 0.0, 1.0])
     size = np.array([WIDTH, HEIGHT]) * 0.5 * PIXEL
-    grid = Grid(Frame("A", np.zeros(3), x, y, np.zeros(2), size), 0.5 * PIXEL, 0.0, float(size[1]), WIDTH, HEIGHT)
+    grid = Grid(
+        DrawingFrame("A", np.zeros(3), x, y, np.zeros(2), size), 0.5 * PIXEL, 0.0, float(size[1]), WIDTH, HEIGHT
+    )
     at = grid.places(np.stack([COLUMN, ROW], -1) + 0.5)
     a, b, c = np.moveaxis(slope[np.minimum(label, len(slope)) - 1], -1, 0)
     before = np.where(label > 0, a * at[..., 0] + b * at[..., 1] + c, np.nan).astype(np.float32)
     face = np.where(label > 0, np.arange(label.size).reshape(label.shape), -1).astype(np.int32)
     survey = SimpleNamespace(working_pixel=PIXEL, normals=np.stack([np.zeros(label.size)] * 2 + [up.ravel()], 1))
-    regions = Regions(grid, label.astype(np.int32), slope)
+    regions = RegionMap(grid, label.astype(np.int32), slope)
     merge_regions(regions, GridBuffers(grid, face, before), survey)  # type: ignore[arg-type]
     return regions.label
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from support.rays import pixel_rays
 
-from mgf_engine.drawings.model import Frame
+from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.opening_edges import EdgePhotos, OpeningEdgeOptions, move_edges, wall_side_edge
 from mgf_engine.drawings.project import Grid
-from mgf_engine.drawings.regions import Regions
+from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.model.scene import View
 
 PIXEL = 0.04  # metres on the wall; the map has two pixels to it
@@ -64,10 +64,10 @@ def photos() -> EdgePhotos:
     return EdgePhotos(views, pictures.__getitem__, lambda k, points, _: np.ones(len(points), bool), *[lambda p: p] * 2)
 
 
-def regions() -> Regions:
-    frame = Frame("A", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.zeros(2), np.full(2, SIZE))
+def regions() -> RegionMap:
+    frame = DrawingFrame("A", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.zeros(2), np.full(2, SIZE))
     side = round(2 * SIZE / PIXEL)
-    return Regions(Grid(frame, 0.5 * PIXEL, 0.0, SIZE, side, side), np.ones((side, side), np.int32), np.zeros((1, 3)))
+    return RegionMap(Grid(frame, 0.5 * PIXEL, 0.0, SIZE, side, side), np.ones((side, side), np.int32), np.zeros((1, 3)))
 
 
 def moved(off: tuple[float, float, float, float], photos: EdgePhotos) -> np.ndarray:

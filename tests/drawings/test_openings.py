@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from mgf_engine.drawings.model import Frame
+from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.openings import WallOpeningOptions, find_openings
 from mgf_engine.drawings.project import Grid, GridBuffers
-from mgf_engine.drawings.regions import Regions
+from mgf_engine.drawings.regions import RegionMap
 
 PIXEL = 0.05  # metres; the map has two pixels to it
 HEIGHT, WIDTH = 300, 400
@@ -22,9 +22,9 @@ def found(before: np.ndarray, **options: float) -> np.ndarray:
     """Openings in a wall whose plane is that of the drawing, [n, 4], from the left."""
     up = np.array([0.0, 0.0, 1.0])
     size = np.array([WIDTH, HEIGHT]) * 0.5 * PIXEL
-    frame = Frame("A", np.zeros(3), np.array([1.0, 0.0, 0.0]), up, np.zeros(2), size)
+    frame = DrawingFrame("A", np.zeros(3), np.array([1.0, 0.0, 0.0]), up, np.zeros(2), size)
     grid = Grid(frame, 0.5 * PIXEL, 0.0, float(size[1]), WIDTH, HEIGHT)
-    regions = Regions(grid, np.ones((HEIGHT, WIDTH), np.int32), np.zeros((1, 3)))
+    regions = RegionMap(grid, np.ones((HEIGHT, WIDTH), np.int32), np.zeros((1, 3)))
     seen = GridBuffers(grid, np.where(np.isfinite(before), 0, -1).astype(np.int32), before.astype(np.float32))
     boxes = np.array(find_openings(regions, seen, PIXEL, WallOpeningOptions(**options))).reshape(-1, 4)
     return boxes[np.argsort(boxes[:, 0])]

@@ -14,7 +14,7 @@ from support.finished_job import WINDOWS, FinishedJob
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import facade_through, find_facades
 from mgf_engine.drawings.load import read_survey
-from mgf_engine.drawings.model import Frame
+from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.orthophoto import unseen_text
 from mgf_engine.drawings.project import plan_grid, render_grid
 from mgf_engine.errors import BadInput
@@ -107,7 +107,9 @@ def test_a_facade_beside_the_building_is_refused(finished: FinishedJob) -> None:
 
 
 def test_too_fine_a_resolution_is_refused_in_millimetres_with_one_that_fits() -> None:
-    frame = Frame("A", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.zeros(2), np.array([25.0, 20.0]))
+    frame = DrawingFrame(
+        "A", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.zeros(2), np.array([25.0, 20.0])
+    )
     with pytest.raises(BadInput, match=r"'A' at 0\.01 mm per pixel has .* give --resolution [\d.]+ or more\.$") as told:
         plan_grid(frame, 1e-5)
     plan_grid(frame, float(str(told.value).split("--resolution ")[1].split()[0]) / 1000)

@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mgf_engine.drawings.model import Frame
+from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.overhangs import square_overhangs
 from mgf_engine.drawings.project import Grid
-from mgf_engine.drawings.regions import Regions
+from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.drawings.straighten import straighten
 
 SIZE = 200
@@ -20,12 +20,12 @@ SIZE = 200
 def squared(points: list[tuple[float, float]], inside: bool) -> np.ndarray:
     """The outline through points after squaring; the building is right of it, or left where ``inside`` is false."""
     up = np.array([0.0, 0.0, 1.0])
-    frame = Frame("A", np.zeros(3), np.array([1.0, 0.0, 0.0]), up, np.zeros(2), np.full(2, float(SIZE)))
+    frame = DrawingFrame("A", np.zeros(3), np.array([1.0, 0.0, 0.0]), up, np.zeros(2), np.full(2, float(SIZE)))
     grid = Grid(frame, 1.0, 0.0, float(SIZE), SIZE, SIZE)
     ends = np.array(points)
     x = np.interp(SIZE - 0.5 - np.arange(SIZE), ends[::-1, 1], ends[::-1, 0])
     covered = np.arange(SIZE)[None] + 0.5 > x[:, None]
-    regions = Regions(grid, (covered == inside).astype(np.int32), np.zeros((1, 3)))
+    regions = RegionMap(grid, (covered == inside).astype(np.int32), np.zeros((1, 3)))
     dense = np.concatenate([np.linspace(a, b, 40, endpoint=False) for a, b in pairwise(ends)])
     stroke = straighten(np.concatenate([dense, ends[-1:]]), (0, 1), 1.0)
     square_overhangs(stroke, regions, 1.0)

@@ -60,8 +60,8 @@ def test_a_border_that_wanders_about_a_known_line_is_that_line(slope: float) -> 
     corners = border(np.rint(30 + slope * column + wandering).astype(int))
     line = np.array([*np.array([-slope, 1.0, -31.0]) / np.hypot(slope, 1), -np.inf, np.inf])
     without, stroke = (straighten(corners, (0, 1), 1.0, known, frayed=True) for known in (None, line[None]))
-    assert slope == 0.0 or len(without.runs) > 4
-    assert len(stroke.runs) == 1 and stroke.runs[0].known
+    assert slope == 0.0 or len(without.segments) > 4
+    assert len(stroke.segments) == 1 and stroke.segments[0].known
     np.testing.assert_allclose(stroke.points @ line[:2] + line[2], 0, atol=1e-9)
 
 

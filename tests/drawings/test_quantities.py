@@ -13,7 +13,7 @@ import rasterio
 from support.finished_job import FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
-from mgf_engine.drawings.ground import TERRAIN, Ground
+from mgf_engine.drawings.ground import TERRAIN, GroundLevel
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.make import make_drawings
 from mgf_engine.drawings.quantities import building_rows, deviation_picture
@@ -43,7 +43,7 @@ def test_sizes_areas_and_heights_are_those_of_the_house(rows: dict[tuple[str, st
 
 def test_heights_are_counted_from_the_ground_not_from_the_lowest_shred_of_the_mesh(finished: FinishedJob) -> None:
     survey = read_survey(finished.folder)
-    rows = building_rows(survey, survey_planes(survey), Ground(float(OFFSET[2]) + 0.5, TERRAIN))
+    rows = building_rows(survey, survey_planes(survey), GroundLevel(float(OFFSET[2]) + 0.5, TERRAIN))
     found = {(of, quantity): value for of, quantity, value, _ in rows}
     assert float(found["building", "ridge over the ground"]) == pytest.approx(2.7, abs=0.01)
     assert float(found["building", "highest point over the ground"]) == pytest.approx(2.7, abs=0.01)

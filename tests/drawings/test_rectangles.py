@@ -48,6 +48,6 @@ def test_what_is_no_rectangle_is_none(mask: np.ndarray) -> None:
 
 def test_the_stroke_of_a_rectangle_is_closed_level_and_upright() -> None:
     stroke = rectangle_stroke(np.array([[0.0, 3.0], [4.0, 3.0], [4.0, 0.0], [0.0, 0.0]]), (7, 7))
-    assert stroke.closed and [run.length for run in stroke.runs] == [4, 3, 4, 3]
-    assert [run.level for run in stroke.runs] == [True, False, True, False]
-    assert [run.upright for run in stroke.runs] == [False, True, False, True]
+    assert stroke.closed and [segment.length for segment in stroke.segments] == [4, 3, 4, 3]
+    assert [segment.level for segment in stroke.segments] == [True, False, True, False]
+    assert [segment.upright for segment in stroke.segments] == [False, True, False, True]

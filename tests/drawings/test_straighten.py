@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Straight runs of chains: what is kept of a polyline, where lines meet, and what is level or upright."""
+"""Straight segments of chains: what is kept of a polyline, where lines meet, and what is level or upright."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from mgf_engine.drawings.merge_segments import merge_segments
-from mgf_engine.drawings.straighten import Run, crossing, douglas_peucker, join_ends, straighten
+from mgf_engine.drawings.straighten import FittedSegment, crossing, douglas_peucker, join_ends, straighten
 
 
-def run(at: tuple[float, float], angle: float, length: float = 10.0) -> Run:
-    return Run(np.array(at), np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))]), length)
+def segment(at: tuple[float, float], angle: float, length: float = 10.0) -> FittedSegment:
+    return FittedSegment(np.array(at), np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))]), length)
 
 
 def stairs(start: float, end: float, slope: float) -> np.ndarray:
@@ -29,30 +29,37 @@ def test_split_keeps_the_corner_alone() -> None:
 
 def test_lines_meet_where_they_cross_and_near_parallel_ones_between() -> None:
     place = np.array([5.0, 5.0])
-    np.testing.assert_allclose(crossing([run((0, 5.0), 0), run((5.2, 0), 90)], place, 1.0), [5.2, 5.0], atol=1e-6)
-    np.testing.assert_allclose(crossing([run((0, 5.0), 0), run((0, 5.4), 2)], place, 1.0), [5.0, 5.3], atol=0.05)
-    far = crossing([run((0, 5.0), 0), run((0, 30.0), 40)], place, 1.0)  # they cross 30 away
+    np.testing.assert_allclose(
+        crossing([segment((0, 5.0), 0), segment((5.2, 0), 90)], place, 1.0), [5.2, 5.0], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        crossing([segment((0, 5.0), 0), segment((0, 5.4), 2)], place, 1.0), [5.0, 5.3], atol=0.05
+    )
+    far = crossing([segment((0, 5.0), 0), segment((0, 30.0), 40)], place, 1.0)  # they cross 30 away
     assert np.hypot(*(far - place)) > 4 and np.isfinite(far).all()
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.02])
 def test_a_level_line_of_pixels_becomes_level(slope: float) -> None:
     stroke = straighten(stairs(0, 60, slope), (0, 1), 1.0)
-    assert len(stroke.runs) == 1 and stroke.runs[0].level and not stroke.runs[0].upright
+    assert len(stroke.segments) == 1 and stroke.segments[0].level and not stroke.segments[0].upright
 
 
 def test_a_sloping_line_keeps_its_slope() -> None:
     stroke = straighten(stairs(0, 60, 0.5), (0, 1), 1.0)
-    assert len(stroke.runs) == 1 and not stroke.runs[0].level
-    along = stroke.runs[0].along
+    assert len(stroke.segments) == 1 and not stroke.segments[0].level
+    along = stroke.segments[0].along
     assert along[1] / along[0] == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_rectangle_has_four_runs_and_exact_corners() -> None:
     corners = np.array([[0, 0], [40, 0.4], [40, 20], [0.3, 20], [0, 0]])
     stroke = straighten(corners, (3, 3), 1.0)
-    assert stroke.closed and len(stroke.runs) == 4
-    assert sum(r.level for r in stroke.runs) == 2 and sum(r.upright for r in stroke.runs) == 2
+    assert stroke.closed and len(stroke.segments) == 4
+    assert (
+        sum(segment.level for segment in stroke.segments) == 2
+        and sum(segment.upright for segment in stroke.segments) == 2
+    )
     assert (stroke.points[0] == stroke.points[-1]).all()
 
 

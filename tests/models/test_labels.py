@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.drawings.model import Frame
+from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.project import Grid
 from mgf_engine.models.solid.cells import Cells, cut_into_cells
 from mgf_engine.models.solid.evidence import SolidEvidence
@@ -21,7 +21,7 @@ LOW, HIGH, RISING = [0.0, 0.0, 3.0], [0.0, 0.0, 6.0], [0.3, 0.0, 3.0]
 
 
 def evidence(height: np.ndarray, inside: np.ndarray | None = None, detail: float = 0.3) -> SolidEvidence:
-    frame = Frame("plan", np.zeros(3), np.eye(3)[0], np.eye(3)[1], np.zeros(2), SIZE)
+    frame = DrawingFrame("plan", np.zeros(3), np.eye(3)[0], np.eye(3)[1], np.zeros(2), SIZE)
     grid = Grid(frame, PIXEL, 0.0, SIZE[1], height.shape[1], height.shape[0])
     stands = np.ones(height.shape, bool) if inside is None else inside
     none = np.zeros(height.shape, np.int32)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_opening, median_filter
 
 from mgf_engine.drawings.facades import plan_frame
-from mgf_engine.drawings.ground import find_ground
+from mgf_engine.drawings.ground import find_ground_level_around
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid
-from mgf_engine.drawings.regions import LOOSE, Regions, find_regions, survey_planes
+from mgf_engine.drawings.regions import LOOSE, RegionMap, find_regions, survey_planes
 from mgf_engine.geometry.clean import open_edges
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
@@ -94,7 +94,7 @@ def gather_solid_evidence(
     reach = max(options.overhang * detail, options.overhang_share * (top - bottom))
     lines = walls + roof_lines(label, slopes, regions, walls, detail, reach, options)
     lines += outline_lines(inside, grid, walls, detail, reach, options)
-    found = find_ground(survey, inside, grid)
+    found = find_ground_level_around(survey, inside, grid)
     ground, ground_from = found.height, found.source
     return SolidEvidence(
         grid, height, inside, label, slopes, lines[:options.most_lines], roof_seen, ground, ground_from, top, block,
@@ -146,7 +146,7 @@ def _footprint(
     return np.asarray(wide > 0)
 
 
-def _roofs(regions: Regions, inside: NDArray[np.bool_], options: EvidenceOptions) -> tuple[NDArray[np.int32], Array]:
+def _roofs(regions: RegionMap, inside: NDArray[np.bool_], options: EvidenceOptions) -> tuple[NDArray[np.int32], Array]:
     """Return roof planes of some size, renumbered: the label of each pixel and their slopes."""
     count = np.bincount(np.where(regions.label < LOOSE, regions.label, 0)[inside], minlength=len(regions.slope) + 1)
     slope = np.hypot(regions.slope[:, 0], regions.slope[:, 1])

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mgf_engine.algorithms import parameter
-from mgf_engine.drawings.model import Array, Frame, Survey
+from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.parts import PartOutlineOptions, part_shapes, part_shares
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid, round_resolution
@@ -66,13 +66,13 @@ def _kind(name: str) -> str | None:
     return KINDS.get(name.strip().lower().removesuffix("s"))
 
 
-def _frame(solid: Solid, face: SolidFace) -> Frame | None:
+def _frame(solid: Solid, face: SolidFace) -> DrawingFrame | None:
     """Return the plane of a wall as one sees it from outside; None where it is no upright one."""
     normal, up = solid.normal(face), np.array([0.0, 0.0, 1.0])
     if abs(normal[2]) > 1e-3:
         return None
     points = solid.vertices[list(face.rings[0])]
-    frame = Frame("wall", points[0], np.cross(up, normal), up, np.zeros(2), np.zeros(2))
+    frame = DrawingFrame("wall", points[0], np.cross(up, normal), up, np.zeros(2), np.zeros(2))
     at = frame.to_drawing(points)[:, :2]
     return replace(frame, low=at.min(0), high=at.max(0))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.drawings.project import Grid
-from mgf_engine.drawings.regions import Regions
+from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.drawings.straighten import douglas_peucker
 from mgf_engine.drawings.trace import trace
 from mgf_engine.models.solid.evidence_options import EvidenceOptions
@@ -175,7 +175,7 @@ def distance_between(line: Line2, other: Line2, options: EvidenceOptions = Evide
 def roof_lines(
     label: NDArray[np.int32],
     slopes: Array,
-    regions: Regions,
+    regions: RegionMap,
     walls: list[Line2],
     detail: float,
     reach: float,
