@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import platform
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.masks.segmenters.download import WEIGHTS, check_file, default_folder
 from mgf_engine.masks.segmenters.notice import describe_automatic_choice
 from mgf_engine.memory import GB, free_memory
-from mgf_engine.system import cores, cpu_name, total_memory, versions
+from mgf_engine.system import cores, cpu_name, is_installed, total_memory, versions
 
 #: The versions the engine is tested with.
 CONSTRAINTS = "constraints.txt"
@@ -77,7 +76,7 @@ def report(weights: Path | None = None) -> int:
 
 def _extra(extra: str, packages: dict[str, str]) -> str:
     """Say whether an extra is there, else what it lacks and how to get it."""
-    missing = [name for module, name in packages.items() if _needed_here(name) and not _installed(module)]
+    missing = [name for module, name in packages.items() if _needed_here(name) and not is_installed(module)]
     return f"need {', '.join(missing)}: {install_command(f'mgf-engine[{extra}]')}" if missing else "yes"
 
 
@@ -92,10 +91,6 @@ def install_command(what: str) -> str:
 def _needed_here(package: str) -> bool:
     """Tell whether this machine can have a package: pyceres has no wheels for Linux on ARM."""
     return package != "pyceres" or sys.platform != "linux" or platform.machine() == "x86_64"
-
-
-def _installed(module: str) -> bool:
-    return importlib.util.find_spec(module) is not None
 
 
 def _lpips(folder: Path) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.metadata
+import importlib.util
 import json
 import os
 import platform
@@ -134,6 +135,11 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[name] = "missing"
     return found
+
+
+def is_installed(module: str) -> bool:
+    """Tell whether a module can be imported; packages of the extras may be missing."""
+    return importlib.util.find_spec(module) is not None
 
 
 def put_in_place(new: Path, path: Path) -> None:

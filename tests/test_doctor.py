@@ -22,7 +22,7 @@ def test_doctor_names_versions_and_the_kernel_variant() -> None:
 
 
 def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(doctor, "_installed", lambda module: module not in ("ezdxf", "pxr", "snakemake"))
+    monkeypatch.setattr(doctor, "is_installed", lambda module: module not in ("ezdxf", "pxr", "snakemake"))
     assert main(["doctor", "--weights", str(tmp_path)]) == 0  # a job needs none of them
     said = " ".join(capsys.readouterr().out.split())
     pinned = f"pip install -c '{Path(__file__).parents[1] / 'constraints.txt'}'"  # the versions that were tested
@@ -30,7 +30,7 @@ def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, 
     assert f"mgf models, laser scans need usd-core: {pinned} 'mgf-engine[models]'" in said
     assert f"many buildings need snakemake: {pinned} 'mgf-engine[town]'" in said
     assert "LPIPS in reports not measured; 'mgf weights --model lpips-alex' fetches" in said
-    monkeypatch.setattr(doctor, "_installed", lambda module: True)
+    monkeypatch.setattr(doctor, "is_installed", lambda module: True)
     files = tuple(WeightFile(n, 3, hashlib.sha256(b"vgg").hexdigest()) for n in ("vgg16.pth", "vgg.pth"))
     monkeypatch.setitem(download.WEIGHTS, "lpips-vgg", files)
     for file in files:

@@ -126,12 +126,8 @@ WARNINGS = (
     ),
     N_("The checkpoint of the field is damaged; training starts over."),
     N_(
-        "The job has no true coordinates, so one unit of its scene is drawn as one metre; give Georeference control "
+        "The job has no true coordinates, so one unit of its scene counts as one metre; give Georeference control "
         "points or scale bars for true lengths."
-    ),
-    N_(
-        "The job has no true coordinates, so one unit of its scene counts as one metre in its models; give "
-        "Georeference control points or scale bars for true lengths."
     ),
 )
 

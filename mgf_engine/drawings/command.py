@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import math
 import re
 
@@ -13,8 +12,9 @@ from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.reported import read_algorithm_options, read_number, run_reported
 from mgf_engine.shared_arguments import add_algorithm_arguments, add_job_argument, add_reporting_arguments, path_of
+from mgf_engine.system import is_installed
 
-NEEDED = {"rasterio": "rasterio", "ezdxf": "ezdxf", "shapely": "shapely"}
+NEEDED = ("rasterio", "ezdxf")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +76,7 @@ def require_packages() -> None:
     Raises:
         BadInput: one is, and how to install it.
     """
-    missing = [name for module, name in NEEDED.items() if importlib.util.find_spec(module) is None]
+    missing = [package for package in NEEDED if not is_installed(package)]
     if missing:
         raise BadInput(
             f"Drawings need {', '.join(missing)}; install with: pip install 'mgf-engine[survey]', in the engine's "

@@ -21,6 +21,7 @@ from mgf_engine.masks.store import read_masks
 from mgf_engine.mesh.parts import named_parts
 from mgf_engine.mesh.planar_clustering import nearest_pixels
 from mgf_engine.mesh.screening import voting_views
+from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
@@ -65,6 +66,15 @@ def read_survey(folder: Path, georeference: Georeference | None = None, options:
         local, normalised, scene, masks, named_parts(folder / "masks", scene), georeference, turn,
         *(pixel * scale for pixel in _pixels(normalised, scene, masks)),
     )  # fmt: skip
+
+
+def warn_of_unknown_scale(survey: Survey, reporter: Reporter) -> None:
+    """Warn that lengths are those of the scene where the job has no georeference in metres."""
+    if not survey.georeference.metric:
+        reporter.warning(
+            "The job has no true coordinates, so one unit of its scene counts as one metre; give 'mgf georef' control "
+            "points or scale bars for true lengths."
+        )
 
 
 def up_from_walls(mesh: Mesh, guess: Array, options: UpOptions = UpOptions()) -> Array:

@@ -12,7 +12,7 @@ from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation, with
 from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_facades, plan_frame
 from mgf_engine.drawings.ground import find_ground_level
 from mgf_engine.drawings.kinds import KINDS
-from mgf_engine.drawings.load import UpOptions, read_survey
+from mgf_engine.drawings.load import UpOptions, read_survey, warn_of_unknown_scale
 from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
 from mgf_engine.drawings.opening_edges import edge_photos
 from mgf_engine.drawings.orthophoto import Visibility, paint, unseen_text
@@ -80,7 +80,7 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
             survey = read_survey(job, options=config.algorithm(UpOptions))
             facades = _facades(survey, wanted, config.algorithm(FacadeOptions))
             ground = find_ground_level(survey, facades)
-        _tell(survey, reporter)
+        warn_of_unknown_scale(survey, reporter)
         work = Work(
             survey=survey, facades=facades, wanted=wanted, ground=ground, title=job.resolve().name,
             config=config, folder=beside, reporter=reporter, cost=cost,
@@ -99,14 +99,6 @@ def _facades(survey: Survey, wanted: DrawingOptions, options: FacadeOptions) -> 
         return find_facades(survey, options)
     points = [np.array(three, np.float64) for three in wanted.facades]
     return [facade_through(survey, three, f"facade-{k + 1}", options) for k, three in enumerate(points)]
-
-
-def _tell(survey: Survey, reporter: Reporter) -> None:
-    if not survey.georeference.metric:
-        reporter.warning(
-            "The job has no true coordinates, so one unit of its scene is drawn as one metre; give 'mgf georef' "
-            "control points or scale bars for true lengths."
-        )
 
 
 def _draw(work: Work) -> None:

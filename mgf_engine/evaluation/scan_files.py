@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Points
+from mgf_engine.system import is_installed
 
 MAX_POINTS = 10_000_000  # points kept, evenly over the file
 NEEDED = {".las": ("laspy",), ".laz": ("laspy", "lazrs"), ".e57": ("pye57",), ".ply": ()}
@@ -27,7 +27,7 @@ def read_scan(path: Path) -> Points:
     kind = path.suffix.lower()
     if kind not in NEEDED:
         raise BadInput(f"The scan '{path}' is of no kind that is read; give a LAS, LAZ, E57 or PLY file.")
-    missing = [name for name in NEEDED[kind] if importlib.util.find_spec(name) is None]
+    missing = [name for name in NEEDED[kind] if not is_installed(name)]
     if missing:
         raise BadInput(
             f"Scans of this kind need {', '.join(missing)}; install with: pip install 'mgf-engine[models]', in the "

@@ -9,7 +9,6 @@ changes.
 
 from __future__ import annotations
 
-import importlib.util
 import logging
 import sys
 import tempfile
@@ -35,6 +34,7 @@ from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_resu
 from mgf_engine.scene.colmap_bundle import projection_errors, transform_model
 from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.subprocesses import run_worker
+from mgf_engine.system import is_installed
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
@@ -76,7 +76,7 @@ class AdjustedControlPoint:
 
 def _check_installed() -> None:
     """Raise BadInput where the package that adjusts is missing."""
-    if importlib.util.find_spec("pyceres") is None:
+    if not is_installed("pyceres"):
         raise BadInput(
             f"Moving the cameras to control points needs the package pyceres, which is not installed; get it by "
             f"{SURVEY}, or give --no-control-adjust."

@@ -4,24 +4,15 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import math
 
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
+from mgf_engine.models.kinds import KINDS, PACKAGES
 from mgf_engine.reported import read_algorithm_options, read_number, run_reported
 from mgf_engine.shared_arguments import add_algorithm_arguments, add_job_argument, add_reporting_arguments, path_of
+from mgf_engine.system import is_installed
 
-_LEVELS = {"xatlas": "xatlas", "fast_simplification": "fast-simplification"}
-#: What can be made -> the packages it needs beyond the engine's own, module -> name.
-NEEDED: dict[str, dict[str, str]] = {
-    "lod": _LEVELS,
-    "tiles": _LEVELS,
-    "solid": {"shapely": "shapely"},
-    "ifc": {"shapely": "shapely", "ifcopenshell": "ifcopenshell"},
-    "usd": {**_LEVELS, "pxr": "usd-core"},
-    "points": {"laspy": "laspy", "lazrs": "lazrs"},
-}
 MOST_ERRORS = 9
 
 
@@ -30,8 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_job_argument(parser)
     parser.add_argument("--out", type=path_of, metavar="FOLDER", help="where models go (default: JOB/models)")
     parser.add_argument(
-        "--only", default=",".join(NEEDED), metavar="KINDS",
-        help=f"what to make, with commas between (default: all of {','.join(NEEDED)})",
+        "--only", default=",".join(KINDS), metavar="KINDS",
+        help=f"what to make, with commas between (default: all of {','.join(KINDS)})",
     )  # fmt: skip
     parser.add_argument(
         "--error", default=None, metavar="CM",
@@ -92,9 +83,9 @@ def read_kinds(text: str) -> tuple[str, ...]:
         BadInput: it names something else.
     """
     kinds = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
-    unknown = [kind for kind in kinds if kind not in NEEDED]
+    unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
-        raise BadInput(f"--only takes some of {', '.join(NEEDED)}, not '{unknown[0]}'.")
+        raise BadInput(f"--only takes some of {', '.join(KINDS)}, not '{unknown[0]}'.")
     return kinds
 
 
@@ -123,19 +114,14 @@ def require_packages(kinds: tuple[str, ...], draco: bool = False) -> None:
     Raises:
         BadInput: one is, and how to install it.
     """
-    needed = {module: name for kind in kinds for module, name in NEEDED[kind].items()}
-    if missing := _missing(needed):
+    needed = {module: name for kind in kinds for module, name in PACKAGES[kind].items()}
+    if missing := [name for module, name in needed.items() if not is_installed(module)]:
         raise BadInput(
             f"These models need {', '.join(missing)}; install with: pip install 'mgf-engine[models]', in the engine's "
             "environment, or leave them out with --only."
         )
-    if draco and {"lod", "tiles"} & set(kinds) and _missing({"DracoPy": "DracoPy"}):
+    if draco and {"lod", "tiles"} & set(kinds) and not is_installed("DracoPy"):
         raise BadInput(
             "Compressed levels of detail need DracoPy; install with: pip install 'mgf-engine[models]', in the engine's "
             "environment, or leave out --draco."
         )
-
-
-def _missing(needed: dict[str, str]) -> list[str]:
-    """Return the names of the packages whose module is not there."""
-    return [name for module, name in needed.items() if importlib.util.find_spec(module) is None]

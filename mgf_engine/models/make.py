@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mgf_engine.drawings.load import UpOptions, read_survey
-from mgf_engine.drawings.model import Survey
+from mgf_engine.drawings.load import UpOptions, read_survey, warn_of_unknown_scale
 from mgf_engine.geometry.mesh_files import COORDINATES, IMAGE, read_texture
 from mgf_engine.job_folder import locked, with_algorithms_of_job
 from mgf_engine.messages import Reporter
@@ -17,6 +16,7 @@ from mgf_engine.models.cityjson import FILE as CITYJSON
 from mgf_engine.models.cityjson import make_cityjson
 from mgf_engine.models.ifc import FILE as IFC
 from mgf_engine.models.ifc import write_ifc
+from mgf_engine.models.kinds import KINDS
 from mgf_engine.models.levels import write_levels
 from mgf_engine.models.place import to_geocentric
 from mgf_engine.models.points import FILE as POINTS
@@ -24,7 +24,7 @@ from mgf_engine.models.points import surface_points, write_laz
 from mgf_engine.models.report import add_to_report
 from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
 from mgf_engine.models.solid.openings import OpeningOptions, add_openings
-from mgf_engine.models.work import KINDS, ModelOptions, Work
+from mgf_engine.models.work import ModelOptions, Work
 from mgf_engine.output_folder import Cost, check_place, new_folder, tell_of_earlier
 from mgf_engine.system import write_json
 
@@ -58,7 +58,7 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
             survey = read_survey(job, options=config.algorithm(UpOptions))
             painted = (job / IMAGE).is_file() and (job / COORDINATES).is_file()
             texture = read_texture(job) if painted else None
-        _tell(survey, reporter)
+        warn_of_unknown_scale(survey, reporter)
         work = Work(
             job=job, survey=survey, texture=texture, wanted=wanted,
             config=config, folder=beside, reporter=reporter, cost=cost,
@@ -74,14 +74,6 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
         add_to_report(job / "report.html", work)
     work.send(folder)
     return folder
-
-
-def _tell(survey: Survey, reporter: Reporter) -> None:
-    if not survey.georeference.metric:
-        reporter.warning(
-            "The job has no true coordinates, so one unit of its scene counts as one metre in its models; give "
-            "'mgf georef' control points or scale bars for true lengths."
-        )
 
 
 def _points(work: Work) -> None:

@@ -10,9 +10,8 @@ from typing import Any
 
 from mgf_engine.drawings.model import Survey
 from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.models.kinds import KINDS
 from mgf_engine.output_folder import Deliverables
-
-KINDS = ("lod", "tiles", "solid", "ifc", "usd", "points")
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib.util
 import signal
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
 from mgf_engine.job_folder import locked
 from mgf_engine.messages import Reporter
 from mgf_engine.shared_arguments import path_of
+from mgf_engine.system import is_installed
 from mgf_engine.terminal import format_duration, make_sink
 from mgf_engine.town.command import add_arguments as add_plan_arguments
 from mgf_engine.town.command import plan_town, time_and_memory
@@ -95,7 +95,7 @@ def _check(args: argparse.Namespace) -> Executor:
     """
     if args.cores < 0 or args.faces_per_building < 100 or args.jobs < 1:
         raise BadInput("--cores must be 0 or more, --jobs 1 or more, and --faces-per-building 100 or more.")
-    if importlib.util.find_spec("snakemake") is None:
+    if not is_installed("snakemake"):
         raise BadInput(f"mgf town needs the package snakemake, which is not installed; get it by {TOWN}.")
     if args.profile is not None and not args.profile.is_dir():
         raise BadInput(f"The profile '{args.profile}' is no folder; give one that holds Snakemake's config.yaml.")

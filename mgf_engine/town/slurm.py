@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import getpass
-import importlib.util
 import shutil
 import subprocess
 import time
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
+from mgf_engine.system import is_installed
 from mgf_engine.town.footprints import TOWN
 
 SLURM = "slurm"
@@ -24,7 +24,7 @@ def check_slurm() -> None:
     Raises:
         BadInput: it does not.
     """
-    if importlib.util.find_spec("snakemake_executor_plugin_slurm") is None:
+    if not is_installed("snakemake_executor_plugin_slurm"):
         raise BadInput(
             "--executor slurm needs the package snakemake-executor-plugin-slurm, "
             f"which is not installed; get it by {TOWN}."

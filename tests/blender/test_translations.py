@@ -104,10 +104,9 @@ def test_german_reaches_labels_values_and_errors(german, house, engine):
     assert str(error).startswith("Der Datenträger ist voll, „a {b}“")
 
 
-@pytest.mark.parametrize("command", ["drawings", "models"])
-def test_remarks_on_lengths_name_what_the_job_lacks(command):
+def test_the_remark_on_lengths_names_what_the_job_lacks():
     """To press Georeference once more without control points would change nothing, so the remark asks for them."""
-    source = (REPO / "mgf_engine" / command / "make.py").read_text(encoding="utf-8")
+    source = (REPO / "mgf_engine" / "drawings" / "load.py").read_text(encoding="utf-8")
     texts = [n.value for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
     (said,) = (text for text in texts if "no true coordinates" in text)
     text = in_panel_terms(said)

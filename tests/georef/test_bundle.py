@@ -89,6 +89,6 @@ def test_the_model_stays_in_its_frame(strip, tmp_path):
 
 def test_without_pyceres_the_command_says_how_to_get_it(strip, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyceres", None)
-    monkeypatch.setattr(bundle.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(bundle, "is_installed", lambda module: False)
     with pytest.raises(BadInput, match=r"pip install 'mgf-engine\[survey\]'"):
         _survey(strip, tmp_path)

@@ -94,7 +94,7 @@ def test_without_the_package_one_sentence_says_so_before_anything_is_made(
     from mgf_engine.cli import main
     from mgf_engine.models import command
 
-    monkeypatch.setattr(command.importlib.util, "find_spec", lambda name: None if name == "DracoPy" else object())
+    monkeypatch.setattr(command, "is_installed", lambda module: module != "DracoPy")
     command.require_packages(("lod",))
     command.require_packages(("solid",), draco=True)  # which nothing compresses
     out = tmp_path / "out"
