@@ -7,9 +7,9 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
-from mgf_engine.option_input import option_pairs
+from mgf_engine.options.config import make_config
+from mgf_engine.options.user_input import option_pairs
 
 
 def count(text: str) -> int:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from benchmarks.prompts import inside_points, spread_photos
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import write_json
 from mgf_engine.model.masks import BACKGROUND, BUILDING
 from mgf_engine.scene.colmap import find_model
-from mgf_engine.system import write_json
 
 Entry = dict[str, list[list[float]]]
 Clicks = dict[str, Entry]

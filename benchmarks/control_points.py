@@ -23,7 +23,6 @@ from PIL import Image
 
 from benchmarks.arguments import count
 from benchmarks.gps_exif import gps_exif
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.georef.adjust import fit_to_control
@@ -32,6 +31,7 @@ from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points
 from mgf_engine.messages import Reporter
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.load import load_scene
 
 Array = NDArray[np.float64]

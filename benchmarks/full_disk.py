@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.cli import main as mgf
+from mgf_engine.cli.main import main as mgf
 
 _WRITING = os.O_WRONLY | os.O_RDWR
 SAID = "disk"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.errors import BadInput
-from mgf_engine.job_folder import read_job
+from mgf_engine.jobs.job_folder import read_job
 
 
 def print_job_table(

@@ -28,7 +28,7 @@ from mgf_engine.drawings.project import plan_grid
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.evaluation.surfaces import read_surface
 from mgf_engine.geometry.rasterize import render_parallel
-from mgf_engine.job_folder import with_algorithms_of_job
+from mgf_engine.jobs.job_folder import with_algorithms_of_job
 from mgf_engine.mesh.planar_options import PlanarOptions
 
 Array = NDArray[np.float64]

@@ -21,15 +21,16 @@ from numpy.typing import NDArray
 from benchmarks.arguments import results_folder
 from benchmarks.clicks import VARIANTS, make_clicks
 from benchmarks.mask_scores import PhotoScore, score_photo
-from mgf_engine.config import Config, make_config
 from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.files.atomic import write_json
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.masks.store import read_png
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import Config, make_config
 from mgf_engine.scene.load import load_scene
-from mgf_engine.system import cores, write_json
+from mgf_engine.system.machine import cores
 
 SCENES = ("demo", "masks_block", "masks_hall", "masks_trees")
 #: A child mask below this IoU is bad: it must be flagged.

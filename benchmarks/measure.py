@@ -30,7 +30,7 @@ from mgf_engine.evaluation.model_cameras import cameras_of
 from mgf_engine.evaluation.surfaces import Points, SeeingCamera, Surface, read_surface
 from mgf_engine.geometry.mesh_files import read_ply, write_ply
 from mgf_engine.model.masks import IGNORE
-from mgf_engine.system import cores, cpu_name
+from mgf_engine.system.machine import cores, cpu_name
 
 #: Thresholds in metres always reported; one ground pixel and its double are added.
 THRESHOLDS = (0.05, 0.10, 0.20)

@@ -21,9 +21,9 @@ from benchmarks.scenes import make_scene
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.model_cameras import cameras_of
 from mgf_engine.evaluation.surfaces import SeeingCamera
+from mgf_engine.files.images import write_picture
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.geometry.rasterize import shaded
-from mgf_engine.images import write_picture
 from mgf_engine.model.scene import View
 
 Picture = NDArray[np.uint8]

@@ -29,7 +29,7 @@ from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.geometry.boxes import intersection_over_union
-from mgf_engine.job_folder import with_algorithms_of_job
+from mgf_engine.jobs.job_folder import with_algorithms_of_job
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import jinja2
 
-from mgf_engine.system import atomic_path
+from mgf_engine.files.atomic import atomic_path
 
 
 def write_html(template: str, path: Path, **values: Any) -> Path:

@@ -20,7 +20,7 @@ from benchmarks import perturb_photos as photos
 from benchmarks import perturb_surfaces as surfaces
 from benchmarks.perturb_copy import SceneCopy
 from mgf_engine.errors import BadInput
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
 
 RECORD = "perturbation.json"
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.files.atomic import write_json
+from mgf_engine.geometry.sampling import farthest_point_sampling
 from mgf_engine.model.masks import BACKGROUND, BUILDING
-from mgf_engine.sampling import farthest_point_sampling
-from mgf_engine.system import write_json
 
 
 def click_prompts(path: Path, names: list[str], poses: NDArray[np.float64], labels: list[NDArray[np.uint8]],

@@ -21,10 +21,10 @@ from benchmarks.catalogue import SCENES, scene_spec
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
 from benchmarks.suites import PRINTED, SUITES, Run, SuiteSettings, half_of, suite_runs
 from mgf_engine import __version__
-from mgf_engine.config import make_config
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
-from mgf_engine.option_input import named_values
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
+from mgf_engine.options.config import make_config
+from mgf_engine.options.user_input import named_values
 
 
 def bench_main(argv: Sequence[str] | None = None) -> int:

@@ -36,8 +36,9 @@ from benchmarks.shapes import Part
 from benchmarks.surroundings import surroundings
 from benchmarks.truth import MATERIALS, write_pixels, write_truth
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import write_json
 from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, IGNORE
-from mgf_engine.system import user_cache, write_json
+from mgf_engine.system.machine import user_cache
 
 #: Part of the cache key: raise it when the same spec gives other pictures than before.
 GENERATOR_VERSION = 1

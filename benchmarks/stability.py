@@ -28,8 +28,8 @@ from benchmarks.scene_series import SERIES, Series
 from benchmarks.scenes import make_scene
 from benchmarks.suites import Options, Run
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
-from mgf_engine.option_input import option_pairs
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
+from mgf_engine.options.user_input import option_pairs
 
 Row = dict[str, Any]
 #: Every row of the map by name.

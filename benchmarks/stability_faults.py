@@ -23,7 +23,7 @@ from pathlib import Path
 
 from benchmarks.stability_jobs import ENVIRONMENT, check_whole, command, finish, result, start_args
 from benchmarks.synthetic.house import House, build_house
-from mgf_engine.job_folder import read_job
+from mgf_engine.jobs.job_folder import read_job
 
 # ---- kills ---------------------------------------------------------------------------------------------------------
 
@@ -201,7 +201,7 @@ def set_clock(house: House, work: Path, expected: dict[str, str]) -> str:
     code = (
         "import itertools, sys, time; real = time.time; n = itertools.count();"
         "time.time = lambda: real() + (1e9 if next(n) % 2 else -1e9);"
-        "from mgf_engine.cli import main; sys.exit(main(sys.argv[1:]))"
+        "from mgf_engine.cli.main import main; sys.exit(main(sys.argv[1:]))"
     )
     for photo in (house.folder / "images").iterdir():
         os.utime(photo, (4e9, 4e9))

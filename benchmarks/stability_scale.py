@@ -25,7 +25,7 @@ import pycolmap
 
 from benchmarks.kernels import Clock, Iteration
 from benchmarks.synthetic.house import WIDTH, build_house
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
 
 PHOTOS = (20, 60, 200, 600)
 PIXELS = (375, 750, 1500, 3000)

@@ -28,7 +28,7 @@ OPTIONS = ["--iterations", "250", "--max-gaussians", "5000", "--densify-every", 
 CUDA_SOURCE = "cuda-source-on-cpu"
 _WITH_CUDA_SOURCE = (
     f"import sys; from mgf_engine.raster import device; device.CPU_BACKEND = {CUDA_SOURCE!r}; "
-    "from mgf_engine.cli import main; sys.exit(main())"
+    "from mgf_engine.cli.main import main; sys.exit(main())"
 )
 DISTANCE = 0.05  # metres; the house is 4 m long, a pixel on the ground about 3 cm
 

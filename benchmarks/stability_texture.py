@@ -23,12 +23,12 @@ import psutil
 import trimesh
 
 from benchmarks.synthetic.house import house_mesh, ring_view
-from mgf_engine.memory import MemoryMonitor
 from mgf_engine.model.masks import BUILDING, MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.native.library import set_threads
-from mgf_engine.system import cpu_seconds
+from mgf_engine.system.machine import cpu_seconds
+from mgf_engine.system.memory import MemoryMonitor
 from mgf_engine.texture import painting
 from mgf_engine.texture.texture_pipeline import make_texture
 

@@ -2,7 +2,7 @@
 """Cache of the first stages: what runs of the same scene have in common is done once.
 
 An entry is a job folder without options. Which of its stages a run may use is the engine's own decision
-(:class:`mgf_engine.job.Job` compares keys), so a variant never gets what its options would have changed.
+(:class:`mgf_engine.jobs.job.Job` compares keys), so a variant never gets what its options would have changed.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.config import as_dict, make_config, option_fields
+from mgf_engine.files.atomic import write_json
+from mgf_engine.options.config import as_dict, make_config, option_fields
 from mgf_engine.stages import STAGES
-from mgf_engine.system import write_json
 
 Stages = dict[str, dict[str, Any]]
 #: Stages that are kept; the mesh and the report are what a suite measures.

@@ -11,9 +11,9 @@ from typing import Any
 
 from benchmarks.catalogue import SCENES, SURFACES
 from mgf_engine import __version__
-from mgf_engine.config import RUN_LENGTH, Config
 from mgf_engine.errors import BadInput
-from mgf_engine.presets import PRESETS
+from mgf_engine.options.config import RUN_LENGTH, Config
+from mgf_engine.options.presets import PRESETS
 
 Options = dict[str, Any]
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks.measure import SAMPLES, THRESHOLDS
 from mgf_engine.errors import BadInput
-from mgf_engine.system import atomic_path
+from mgf_engine.files.atomic import atomic_path
 
 Row = dict[str, Any]
 #: Meshes of whole photos are cut to the building's box before they are scored; beside them, all meshes are.

@@ -28,8 +28,8 @@ from benchmarks.town_houses import HOUSES, TORN_DOWN, TOWNS, House, around, move
 from benchmarks.town_painted import paint_views
 from benchmarks.truth import write_truth
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import write_json
 from mgf_engine.georef.crs import ProjectedCrs
-from mgf_engine.system import write_json
 
 CRS = "EPSG:25832"
 #: Where the town lies: easting, northing, height of its origin.

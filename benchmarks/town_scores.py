@@ -22,9 +22,9 @@ from benchmarks.scenes import read_png
 from mgf_engine.evaluation.geometry import ComparisonOptions, score_surface
 from mgf_engine.evaluation.model_cameras import cameras_of
 from mgf_engine.evaluation.surfaces import read_surface
+from mgf_engine.files.atomic import write_json
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.normalise import rotation_of
-from mgf_engine.system import write_json
 
 _LEAST = 0.01  # of a photo: nobody clicks a building that fills less
 

@@ -19,7 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
 from mgf_engine.town.workflow import CONFIG, Executor, OptionalProducts, snakemake, write_config
 
 #: In the place of Python: what the Snakefile calls with "-m module buildings/ID …".

@@ -21,7 +21,7 @@ from benchmarks.shapes import Part, Points, labelled_mesh
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.materials import Materials, read_materials
 from mgf_engine.evaluation.surfaces import Surface, read_surface
-from mgf_engine.system import atomic_path, write_json
+from mgf_engine.files.atomic import atomic_path, write_json
 
 MESH, MATERIALS, FACE_MATERIALS = "truth.ply", "truth_materials.json", "truth_materials.npy"
 

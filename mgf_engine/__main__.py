@@ -7,7 +7,7 @@ import sys
 def main() -> int:
     """Run the command line; Ctrl-C while it is being loaded is no traceback either."""
     try:
-        from mgf_engine.cli import main as run
+        from mgf_engine.cli.main import main as run
     except KeyboardInterrupt:
         from mgf_engine.errors import EXIT_CANCELLED
 

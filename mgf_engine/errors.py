@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import re
+import sys
 from pathlib import Path
-
-from mgf_engine.system import near_memory_limit
 
 EXIT_DONE = 0
 EXIT_FAULT = 1
@@ -57,6 +57,24 @@ def _was_interrupted(error: BaseException) -> bool:
     while seen is not None and not isinstance(seen, KeyboardInterrupt):
         seen = seen.__cause__ or seen.__context__
     return seen is not None
+
+
+def near_memory_limit(share: float = 0.7) -> bool:
+    """Tell whether this process came near the limit of its address space (``ulimit -v``); False without one.
+
+    Libraries fail in strange ways when the system denies them memory; this tells what the matter was.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit == resource.RLIM_INFINITY:
+        return False
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+        return int(status.split("VmPeak:")[1].split()[0]) * 1024 > share * limit
+    return False
 
 
 def explain(

@@ -33,8 +33,8 @@ from collections.abc import Callable
 from typing import Any
 
 from mgf_engine.errors import Cancelled
+from mgf_engine.files.atomic import json_text
 from mgf_engine.stages import STAGE_NAMES, STAGES
-from mgf_engine.system import json_text
 
 SCHEMA_VERSION = 1
 #: Typical share of each stage in the time of a job, for the overall progress bar without an estimate.

@@ -12,20 +12,20 @@ from dataclasses import replace
 import numpy as np
 
 from mgf_engine import __version__
-from mgf_engine.config import Config
+from mgf_engine.console.terminal import format_duration
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import PhotoSummary, estimate, inspect_photos, quantities, with_clicks
-from mgf_engine.job import Job
-from mgf_engine.machine_speed import StageTime, record_speed
+from mgf_engine.jobs.estimate import PhotoSummary, estimate, inspect_photos, quantities, with_clicks
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.machine_speed import StageTime, record_speed
+from mgf_engine.jobs.memory_check import shortage
 from mgf_engine.masks.prompts import check_prompts, no_clicks
 from mgf_engine.masks.user_masks import no_mask_fits
-from mgf_engine.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
-from mgf_engine.memory_check import shortage
 from mgf_engine.messages import Reporter
+from mgf_engine.options.config import Config
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, photo_names
 from mgf_engine.stages import STAGE_NAMES, outputs, stage_named
-from mgf_engine.system import cores, cpu_seconds, release_memory
-from mgf_engine.terminal import format_duration
+from mgf_engine.system.machine import cores, cpu_seconds, release_memory
+from mgf_engine.system.memory import GB, MemoryMonitor, allow, allowed, budget_of, share
 
 log = logging.getLogger("mgf")
 #: CPU seconds of a job below which its times, mostly those of starting up, do not measure the speed of the machine.
@@ -83,7 +83,7 @@ def _run_stages(job: Job, stages: Sequence[str], reporter: Reporter) -> None:
 
 def suggested_photos(job: Job) -> list[str]:
     """Return names of photos that are worth clicking: a fifth of all, spread around the building."""
-    from mgf_engine.results import load_scene_of
+    from mgf_engine.jobs.results import load_scene_of
 
     scene = load_scene_of(job)
     return [scene.views[i].name for i in scene.roots]

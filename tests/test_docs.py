@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.config import option_fields
+from mgf_engine.options.config import option_fields
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -12,22 +12,18 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.doctor import EXTRAS
+from mgf_engine.cli.doctor import EXTRAS
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Packages and modules of ``mgf_engine``, from the bottom up: each may import those before it.
 ORDER = (
-    *("system", "errors", "stages", "subprocesses", "timing", "memory", "spill", "morton", "safe_npz", "sampling"),
-    "images",
-    *("option_values", "algorithm_table", "algorithms"),  # options of algorithms
-    *("costs", "presets", "config", "option_input", "option_list"),  # options of a job
-    *("messages", "terminal", "reported", "output_folder", "shared_arguments"),  # commands and reports
+    *("errors", "stages", "costs", "system", "files"),  # the machine, its files
+    *("options", "messages", "console"),  # what users ask for, and what they are told
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
-    *("runs", "inputs", "job_folder", "stage_keys", "job", "results"),  # the job folder
-    *("machine_speed", "estimate", "memory_check", "estimate_report"),  # time and memory
+    "jobs",  # the job folder, time and memory
     *("georef", "export", "drawings", "models", "runners", "pipeline", "town", "api"),  # whole jobs
-    *("clean", "doctor", "cli_arguments", "cli", "__main__"),
+    *("cli", "__main__"),
 )
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from support.finished_job import finish_job
 
 from mgf_engine.export.stage import _manifest
-from mgf_engine.job import Job
-from mgf_engine.results import load_scene_of
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_scene_of
 
 
 def test_views_say_how_the_camera_was_held(tmp_path: Path) -> None:

@@ -4,10 +4,10 @@ import time
 
 import pytest
 
+from mgf_engine.console.terminal import format_duration, make_sink
 from mgf_engine.errors import Cancelled
 from mgf_engine.messages import STAGE_SHARE, Reporter, encode
 from mgf_engine.stages import STAGE_NAMES
-from mgf_engine.terminal import format_duration, make_sink
 
 
 def test_every_message_is_one_line_of_json_with_its_schema() -> None:

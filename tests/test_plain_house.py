@@ -12,11 +12,11 @@ import pytest
 from support.jobs import run_here
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house, write_inputs
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.masks.build import build_masks
 from mgf_engine.messages import Reporter
+from mgf_engine.options.config import make_config
 
 OPTIONS = ["--iterations", "100", "--max-gaussians", "5000", "--densify-every", "50", "--level-steps", "4"]
 

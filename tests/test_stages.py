@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.config import option_fields
+from mgf_engine.options.config import option_fields
 from mgf_engine.stages import STAGE_NAMES, STAGES, outputs, stage_named, stage_of_section
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,7 +45,12 @@ sys.modules["weighing"].weigh = weigh
 
 import json
 import logging
-from mgf_engine import config, costs, estimate, job, messages, pipeline, results, runs
+from mgf_engine import costs, messages, pipeline
+from mgf_engine.options import config
+from mgf_engine.jobs import estimate
+from mgf_engine.jobs import job
+from mgf_engine.jobs import results
+from mgf_engine.jobs import runs
 from mgf_engine.export import report, stage
 
 source = Path(sys.argv[1])
@@ -124,7 +129,7 @@ def test_a_sixth_stage_reaches_the_add_on(told: dict) -> None:
 
 
 def test_a_sixth_stage_is_a_command(tmp_path: Path) -> None:
-    text = run(SIXTH + "from mgf_engine.cli import main\nmain(['--help'])")
+    text = run(SIXTH + "from mgf_engine.cli.main import main\nmain(['--help'])")
     assert "weigh the building" in " ".join(text.split())
 
 

@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mgf_engine.config import make_config
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Similarity
+from mgf_engine.options.config import make_config
 from mgf_engine.runners import mesh as mesh_runner
 
 

@@ -16,9 +16,9 @@ from mgf_engine.evaluation.pictures import mask_overlay, normal_picture, on_whit
 from mgf_engine.export.views import render_view
 from mgf_engine.geometry.mesh_files import read_texture
 from mgf_engine.geometry.rasterize import shaded
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_field, load_inputs, load_mesh
 from mgf_engine.model.masks import building
-from mgf_engine.results import load_field, load_inputs, load_mesh
 from mgf_engine.texture.draw import draw_textured
 
 

@@ -16,11 +16,11 @@ from typing import Any
 REPO = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPO))
 
-from mgf_engine import algorithm_table  # noqa: E402
-from mgf_engine.cli_arguments import Parser, make_parser  # noqa: E402
-from mgf_engine.config import option_fields, options_schema  # noqa: E402
-from mgf_engine.option_list import default_text  # noqa: E402
-from mgf_engine.presets import PRESETS  # noqa: E402
+from mgf_engine.cli.arguments import Parser, make_parser  # noqa: E402
+from mgf_engine.cli.option_list import default_text  # noqa: E402
+from mgf_engine.options import algorithm_table  # noqa: E402
+from mgf_engine.options.config import option_fields, options_schema  # noqa: E402
+from mgf_engine.options.presets import PRESETS  # noqa: E402
 from mgf_engine.stages import STAGE_NAMES, STAGES  # noqa: E402
 
 CLI, ARCHITECTURE = REPO / "docs" / "cli.md", REPO / "docs" / "architecture.md"

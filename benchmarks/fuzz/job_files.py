@@ -14,7 +14,7 @@ from mgf_engine.model.masks import MaskSet
 
 
 def _prepare_job(folder: Path) -> None:
-    from mgf_engine.job import Job
+    from mgf_engine.jobs.job import Job
 
     (folder / "photos").mkdir()
     with Job.start(folder / "job", folder / "photos", user_options={"seed": 3}) as job:
@@ -23,7 +23,7 @@ def _prepare_job(folder: Path) -> None:
 
 
 def _read_job(folder: Path) -> Any:
-    from mgf_engine.job import Job
+    from mgf_engine.jobs.job import Job
 
     with Job.start(folder / "job", folder / "photos", resume=True) as job:
         return [job.done(stage) for stage in ("scene", "masks", "deliver")]

@@ -162,8 +162,8 @@ def _prepare_config(folder: Path) -> None:
 
 
 def _read_config(folder: Path) -> Any:
-    from mgf_engine.config import make_config
-    from mgf_engine.option_input import read_config
+    from mgf_engine.options.config import make_config
+    from mgf_engine.options.user_input import read_config
     from mgf_engine.scene.crop import parse_crop_box, read_crop_box
 
     ignore_bad_input(lambda p: read_crop_box(str(p)), folder / "box.txt")
@@ -197,7 +197,7 @@ def _prepare_photos(folder: Path) -> None:
 
 
 def _read_photos(folder: Path) -> Any:
-    from mgf_engine.images import read_info, read_rgb
+    from mgf_engine.files.images import read_info, read_rgb
 
     for path in sorted(folder.iterdir()):
         try:

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pycolmap
 
-from mgf_engine.config import Config, make_config
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import Config, make_config
 from mgf_engine.scene.load import load_scene
 
 SIZE = (160, 120)

@@ -71,7 +71,7 @@ def estimate(options: bpy.types.PropertyGroup, photos: PhotoSizes, factor: float
 
 
 def quantities(options: bpy.types.PropertyGroup, photos: PhotoSizes) -> dict[str, float]:
-    """Return what the costs depend on, as ``mgf_engine/estimate.py`` counts it; cameras are known once photos are
+    """Return what the costs depend on, as ``mgf_engine/jobs/estimate.py`` counts it; cameras are known once photos are
     here."""
     count, pixels = photos.at_work(options)
     held_out = count // options.holdout_every if options.holdout_every else 0

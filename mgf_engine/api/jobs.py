@@ -9,7 +9,7 @@ from typing import Any
 
 from mgf_engine.api.arguments import PathLike, make_reporter, optional_path
 from mgf_engine.geometry.mesh_files import read_ply
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
 from mgf_engine.messages import Sink
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.pipeline import result_files, run_job

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.api.arguments import PathLike, make_reporter, optional_path
-from mgf_engine.config import Config, make_config
 from mgf_engine.field import trainer
 from mgf_engine.geometry.mesh_files import in_scene
 from mgf_engine.georef.adjust import fit_to_control
@@ -21,6 +20,7 @@ from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.config import Config, make_config
 from mgf_engine.pipeline import prepare
 from mgf_engine.raster.api import Camera, Rendering
 from mgf_engine.raster.api import render as render_gaussians

@@ -7,12 +7,17 @@ import argparse
 import math
 import re
 
+from mgf_engine.console.commands import read_algorithm_options, read_number, run_reported
+from mgf_engine.console.shared_arguments import (
+    add_algorithm_arguments,
+    add_job_argument,
+    add_reporting_arguments,
+    path_of,
+)
 from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
-from mgf_engine.reported import read_algorithm_options, read_number, run_reported
-from mgf_engine.shared_arguments import add_algorithm_arguments, add_job_argument, add_reporting_arguments, path_of
-from mgf_engine.system import is_installed
+from mgf_engine.system.machine import is_installed
 
 NEEDED = ("rasterio", "ezdxf")
 

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.merge_regions import RegionMergingOptions, merge_regions
 from mgf_engine.drawings.merge_segments import merge_segments
 from mgf_engine.drawings.model import (
@@ -33,6 +32,7 @@ from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionMap, RegionOptions
 from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, straighten
 from mgf_engine.drawings.trace import Chain, trace
 from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.options.algorithms import parameter
 
 #: Share of a loop in an opening from which it is that opening's own border.
 _LOOP_WITHIN = 0.7

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import LEANING, Array, DrawingFrame, Facade, Survey
 from mgf_engine.errors import BadInput
+from mgf_engine.options.algorithms import parameter
 
 COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mgf_engine.drawings.model import DrawingFrame, Survey
 from mgf_engine.drawings.project import Grid
 from mgf_engine.drawings.vector_files import file_shift
-from mgf_engine.system import atomic_path
+from mgf_engine.files.atomic import atomic_path
 
 TILE = 256
 MIN_OVERVIEW_SIDE = 256  # px; no overview is smaller

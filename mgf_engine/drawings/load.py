@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference, read_georeference
-from mgf_engine.job_folder import read_job
+from mgf_engine.jobs.job_folder import read_job
 from mgf_engine.masks.store import read_masks
 from mgf_engine.mesh.parts import named_parts
 from mgf_engine.mesh.planar_clustering import nearest_pixels
@@ -25,6 +24,7 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.gravity import GravityOptions, find_up
 from mgf_engine.scene.store import read_saved_scene
 

@@ -41,12 +41,12 @@ from mgf_engine.drawings.write import (
     write_sheet_files,
     write_sheets,
 )
-from mgf_engine.job_folder import locked, with_algorithms_of_job
+from mgf_engine.files.atomic import write_json
+from mgf_engine.jobs.job_folder import locked, with_algorithms_of_job
+from mgf_engine.jobs.output_folder import Cost, check_place, new_folder, tell_of_earlier
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.messages import Reporter
-from mgf_engine.output_folder import Cost, check_place, new_folder, tell_of_earlier
-from mgf_engine.system import write_json
 from mgf_engine.texture.painting import Painting
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionMap, boxes_of_labels
+from mgf_engine.options.algorithms import parameter
 
 Box = tuple[slice, slice]
 

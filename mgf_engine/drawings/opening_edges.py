@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
 
 LEFT, TOP, RIGHT = 0, 1, 2

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array
 from mgf_engine.drawings.opening_edges import EdgePhotos, OpeningEdgeOptions, move_edges
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.rectangles import align_edges
 from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.geometry.boxes import box_areas, intersection_areas
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

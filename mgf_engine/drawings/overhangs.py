@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array
 from mgf_engine.drawings.regions import NOTHING, RegionMap
 from mgf_engine.drawings.straighten import FittedSegment, Stroke
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

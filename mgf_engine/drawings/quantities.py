@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.ground import GroundLevel
 from mgf_engine.drawings.model import Facade, Polyline, Survey
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.vector_files import layer_name
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.mesh.plane_detection import Planes
-from mgf_engine.system import atomic_path
+from mgf_engine.options.algorithms import parameter
 
 Row = tuple[str, str, str, str]  # of what, quantity, value, unit
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array
 from mgf_engine.drawings.straighten import FittedSegment, Stroke
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

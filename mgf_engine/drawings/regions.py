@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.drawings.project import Grid, GridBuffers, plan_grid, render_grid
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import Planes, planes_of
+from mgf_engine.options.algorithms import parameter
 
 NOTHING, LOOSE = 0, 1 << 20
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import CUT, Array, DrawingFrame, LineDrawing, Polyline, Survey, rings_of
 from mgf_engine.drawings.straighten import StraightenOptions, straighten
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

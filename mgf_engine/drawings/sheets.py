@@ -28,7 +28,7 @@ from mgf_engine.drawings.model import (
 from mgf_engine.drawings.project import Grid
 from mgf_engine.drawings.vector_files import layer_name
 from mgf_engine.errors import BadInput
-from mgf_engine.system import atomic_path
+from mgf_engine.files.atomic import atomic_path
 
 PAPERS = {"A3": (420.0, 297.0), "A1": (841.0, 594.0)}  # millimetres
 SCALES = (5, 10, 20, 25, 50, 100, 200, 250, 500, 1000, 2000, 5000)

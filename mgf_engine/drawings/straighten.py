@@ -15,8 +15,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.fraying import FrayedPart, FrayOptions, frayed_parts
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 _KNOWN_TURN = 0.3  # sine of the largest angle between a segment and a known line

@@ -23,7 +23,7 @@ from mgf_engine.drawings.model import (
     rings_of,
 )
 from mgf_engine.drawings.model import pen_width as pen
-from mgf_engine.system import atomic_path
+from mgf_engine.files.atomic import atomic_path
 
 _COLORS = {CUT: 1, OUTLINE: 7, STEP: 7, CREASE: 8, DETAIL: 9, HATCH: 8}  # AutoCAD's numbers; parts are blue
 _METRES, _NO_UNIT = 6, 0  # $INSUNITS

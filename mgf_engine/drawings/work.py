@@ -11,7 +11,7 @@ from mgf_engine.drawings.ground import TERRAIN, GroundLevel
 from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
 from mgf_engine.drawings.quantities import Row
-from mgf_engine.output_folder import Deliverables
+from mgf_engine.jobs.output_folder import Deliverables
 
 
 @dataclass(frozen=True)

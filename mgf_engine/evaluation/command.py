@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mgf_engine.console.shared_arguments import path_of
 from mgf_engine.errors import EXIT_DONE, BadInput
-from mgf_engine.shared_arguments import path_of
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
 
 if TYPE_CHECKING:
     from mgf_engine.evaluation.evenness import Evenness

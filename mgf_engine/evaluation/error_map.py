@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from mgf_engine.evaluation.pictures import circle_views
 from mgf_engine.evaluation.surfaces import Surface
+from mgf_engine.files.images import write_picture
 from mgf_engine.geometry.rasterize import shaded
-from mgf_engine.images import write_picture
 from mgf_engine.model.mesh import Mesh
 
 Picture = NDArray[np.uint8]

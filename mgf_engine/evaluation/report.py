@@ -23,8 +23,8 @@ from mgf_engine.evaluation.evenness import Evenness
 from mgf_engine.evaluation.images import Scores, mean_scores
 from mgf_engine.evaluation.lpips import how_to_get
 from mgf_engine.evaluation.pictures import ERROR_LIMIT
-from mgf_engine.images import read_rgb
-from mgf_engine.system import atomic_path, write_json
+from mgf_engine.files.atomic import atomic_path, write_json
+from mgf_engine.files.images import read_rgb
 
 FORMAT = 1
 #: Longest side and JPEG quality of embedded pictures; a view's six pictures take about 250 kB.

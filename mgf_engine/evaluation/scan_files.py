@@ -10,7 +10,7 @@ import numpy as np
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Points
-from mgf_engine.system import is_installed
+from mgf_engine.system.machine import is_installed
 
 MAX_POINTS = 10_000_000  # points kept, evenly over the file
 NEEDED = {".las": ("laspy",), ".laz": ("laspy", "lazrs"), ".e57": ("pye57",), ".ply": ()}

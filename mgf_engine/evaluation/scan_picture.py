@@ -13,8 +13,8 @@ from mgf_engine.evaluation.error_map import SIDES, SIZE, subdivided
 from mgf_engine.evaluation.pictures import circle_views
 from mgf_engine.evaluation.scan import ScanDistances
 from mgf_engine.evaluation.surfaces import Surface
+from mgf_engine.files.images import write_picture
 from mgf_engine.geometry.rasterize import shaded
-from mgf_engine.images import write_picture
 from mgf_engine.model.mesh import Mesh
 
 NEIGHBOURS = 6  # scan points that a vertex takes its colour from

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mgf_engine.config import Config
+from mgf_engine.options.config import Config
 
 _STARTS = {
     "surface": "Dense matching between neighbouring photos, line segments and planes through them give a closed "

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import as_dict
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.advice import JobFacts, advice
 from mgf_engine.evaluation.confidence import colored_by_confidence, measure_confidence
@@ -29,9 +28,8 @@ from mgf_engine.export.views import render_view
 from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.report import georeference_figures, georeference_html
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
 from mgf_engine.masks.segmenters.notice import describe_used_segmenter
-from mgf_engine.memory import GB
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
@@ -39,9 +37,11 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.library import variant
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.config import as_dict
 from mgf_engine.raster.device import choose_device, each_view
 from mgf_engine.stages import outputs
-from mgf_engine.system import cores, cpu_name, peak_memory, total_memory, versions
+from mgf_engine.system.machine import cores, cpu_name, peak_memory, total_memory, versions
+from mgf_engine.system.memory import GB
 from mgf_engine.texture.draw import draw_textured
 
 _TRAINING_VIEWS_SHOWN = 3

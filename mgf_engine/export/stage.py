@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 from mgf_engine.export.report import JobResults, report_job
 from mgf_engine.export.views import render_view, straight_rgba
 from mgf_engine.field.export import offset_of
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_texture
 from mgf_engine.georef.apply import georeference_job, write_models
 from mgf_engine.georef.report import rms_figures
-from mgf_engine.job import CLICKS, Job
+from mgf_engine.jobs.job import CLICKS, Job
+from mgf_engine.jobs.results import load_field, load_inputs, load_mesh
+from mgf_engine.jobs.runs import keep_run
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
@@ -28,10 +31,7 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene, View, most_pixels
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.device import choose_device, each_view
-from mgf_engine.results import load_field, load_inputs, load_mesh
-from mgf_engine.runs import keep_run
 from mgf_engine.stages import outputs
-from mgf_engine.system import atomic_path
 from mgf_engine.texture.texture_pipeline import TextureOptions, make_texture
 
 #: What people take from a job, and the clicks it was made with.

@@ -13,11 +13,11 @@ import torch
 
 from mgf_engine.errors import BadInput
 from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.files.atomic import atomic_path
+from mgf_engine.files.safe_npz import read_arrays
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.raster.api import RenderStats
 from mgf_engine.raster.cuda.tile_list_capacity import TileListCapacity
-from mgf_engine.safe_npz import read_arrays
-from mgf_engine.system import atomic_path
 
 _NAMES = tuple(f.name for f in fields(Gaussians))
 _STATS = tuple(f.name for f in fields(RenderStats))

@@ -14,15 +14,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, points_to_match
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.depths import Depths, Matching, match_photos
 from mgf_engine.scene.stereo import StereoOptions
-from mgf_engine.system import cores
+from mgf_engine.system.machine import cores
 
 
 @dataclass(frozen=True)

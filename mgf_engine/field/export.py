@@ -14,11 +14,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.geometry.mesh_files import needs_double
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.model.scene import Similarity
 from mgf_engine.raster.reference import sh_basis
-from mgf_engine.system import atomic_path
 
 _OPACITY_LIMIT = 1e-6
 

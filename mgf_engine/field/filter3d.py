@@ -11,10 +11,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 _NEAR = 1e-3  # depth, normalised frame, below which no photo shows anything
 _TABLE = 1 << 19  # points times views worked on at once: what stays in the cache

@@ -16,14 +16,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
 from mgf_engine.field.density import DensifyResult
 from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.geometry.morton import along_curve
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import View
-from mgf_engine.morton import along_curve
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 from mgf_engine.raster.api import RenderStats
 
 

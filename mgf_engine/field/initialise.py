@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.normals import principal_normals
 from mgf_engine.model.gaussians import Gaussians
+from mgf_engine.options.algorithms import parameter
 
 SH_CONSTANT = 0.28209479177387814  # Y_0^0
 

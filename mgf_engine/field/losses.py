@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from mgf_engine.config import job_option
 from mgf_engine.field.targets import Target
+from mgf_engine.options.config import job_option
 from mgf_engine.raster.api import Rendering
 from mgf_engine.raster.loss import LossWeights, image_loss
 

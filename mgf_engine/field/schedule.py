@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 
 #: Time of an iteration at each reduction of the resolution, relative to full resolution (measured): part of the work
 #: does not depend on pixels. For the time left only.

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.dense import DensePointOptions, dense_points
 from mgf_engine.field.initialise import InitialisationOptions, initial_field
 from mgf_engine.geometry.block_store import clear_blocks
+from mgf_engine.geometry.morton import along_curve
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
-from mgf_engine.morton import along_curve
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import Config
 from mgf_engine.start.options import start_options
 from mgf_engine.start.samples import SampleOptions, Samples, sample_surface
 from mgf_engine.start.store import FILE, write_start

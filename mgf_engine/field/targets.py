@@ -12,11 +12,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
 from mgf_engine.masks.boundaries import boundaries
 from mgf_engine.model.masks import BACKGROUND, BUILDING, building
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 from mgf_engine.raster.camera import TILE, Camera
 from mgf_engine.raster.loss import LossPhoto
 from mgf_engine.raster.loss_photo import prepare_photo

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 import torch
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_checkpoint, write_field
 from mgf_engine.field.density import DensificationOptions, budget_at, densify_and_prune
@@ -49,9 +48,10 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import Config
 from mgf_engine.raster.api import Rendering, RenderStats, render
 from mgf_engine.raster.device import capacity_state, choose_device, lost_renderings, restore_capacity
-from mgf_engine.system import cores
+from mgf_engine.system.machine import cores
 
 log = logging.getLogger("mgf")
 CHECKPOINT = "training.npz"

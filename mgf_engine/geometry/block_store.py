@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Store the results of finished blocks in the job folder, so that an interrupted job resumes at the next block.
 
-The folder of each kind of block is an output of its stage: :meth:`mgf_engine.job.Job.begin` removes it before the stage
-runs with other inputs or options. File names contain a hash of the points, so that blocks of a run on another machine,
-which rounds in other ways, are not mixed with those of this one.
+The folder of each kind of block is an output of its stage: :meth:`mgf_engine.jobs.job.Job.begin` removes it before the
+stage runs with other inputs or options. File names contain a hash of the points, so that blocks of a run on another
+machine, which rounds in other ways, are not mixed with those of this one.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.memory import scratch
-from mgf_engine.safe_npz import read_arrays
-from mgf_engine.system import atomic_path
+from mgf_engine.files.atomic import atomic_path
+from mgf_engine.files.safe_npz import read_arrays
+from mgf_engine.system.memory import scratch
 
 FOLDER = "blocks"  # in the job folder
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.morton import arrange, cells_of, morton
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.morton import arrange, cells_of, morton
 from mgf_engine.native.parallel import parallel_map
 
 DRAWN_BACK = 0.01  # weight of the neighbours' mean in Laplacian smoothing

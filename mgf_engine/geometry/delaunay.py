@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.memory import fits_beside, require
-from mgf_engine.morton import along_curve
+from mgf_engine.geometry.morton import along_curve
 from mgf_engine.native.library import call
+from mgf_engine.system.memory import fits_beside, require
 
 _POLL_SECONDS = 0.1
 _BYTES = 250.0  # of the work, per point (measured: 6.3 tetrahedra of 33 bytes each, and 36 of the points)
@@ -43,8 +43,8 @@ def background_delaunay(points: Points, around: Points | None = None) -> Iterato
         around: points to whose box they are scaled before: parts that are to fit together must be scaled alike, for
             it rounds their coordinates. The points themselves when None.
 
-    Leaving stops the work. Where memory is short (:func:`mgf_engine.memory.fits_beside`) it begins when its result is
-    asked for.
+    Leaving stops the work. Where memory is short (:func:`mgf_engine.system.memory.fits_beside`) it begins when its
+    result is asked for.
 
     Raises:
         BadInput: as :func:`delaunay`, here or from the function; or the user's limit of memory leaves no room for them.

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import read_rgb
+from mgf_engine.files.atomic import atomic_path
+from mgf_engine.files.images import read_rgb
+from mgf_engine.files.safe_npz import read_arrays
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Similarity
-from mgf_engine.safe_npz import read_arrays
-from mgf_engine.system import atomic_path
 
 #: Float32 coordinates are used where their rounding stays below this share of the mesh's size.
 PRECISION = 1e-6

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
 from mgf_engine.geometry.delaunay import check_volume, scaled
-from mgf_engine.memory import fits_beside, require
-from mgf_engine.subprocesses import end_with_the_job, worker
+from mgf_engine.system.memory import fits_beside, require
+from mgf_engine.system.subprocesses import end_with_the_job, worker
 
 with contextlib.suppress(ModuleNotFoundError):  # one that is there and cannot be loaded says why itself
     from igl.copyleft import tetgen
@@ -46,7 +46,7 @@ def background_delaunay(
             it rounds their coordinates. The points themselves when None.
 
     That function takes a check that is called while it waits, and may raise to cancel. Leaving ends the process. Where
-    memory is short (:func:`mgf_engine.memory.fits_beside`) the work begins when its result is asked for.
+    memory is short (:func:`mgf_engine.system.memory.fits_beside`) the work begins when its result is asked for.
 
     Raises:
         BadInput: fewer than four points, or all in one plane; from the function: tetgen gave up, or the user's limit of

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from mgf_engine.config import Config
 from mgf_engine.georef.bundle import PlacedControl, adjust_to_control
 from mgf_engine.georef.control import read_control
 from mgf_engine.georef.doubts import check_marks, check_points
@@ -16,6 +15,7 @@ from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import Config
 from mgf_engine.scene.gravity import up_from_cameras
 from mgf_engine.scene.sparse import SparseModel
 

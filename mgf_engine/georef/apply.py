@@ -7,20 +7,20 @@ import json
 from typing import Any
 
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.mesh_files import IMAGE, read_texture
 from mgf_engine.georef.export import write_georeferenced
 from mgf_engine.georef.find import GeoreferenceFit, find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.report import georeference_figures, georeference_html, replace_section
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_mesh, load_scene_of
+from mgf_engine.jobs.runs import current_run, delivered
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene
-from mgf_engine.results import load_mesh, load_scene_of
-from mgf_engine.runs import current_run, delivered
 from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, stage_of_section
-from mgf_engine.system import write_json
 
 
 def georeference_job(job: Job, scene: Scene, reporter: Reporter) -> GeoreferenceFit:

@@ -33,8 +33,8 @@ from mgf_engine.scene.adjust import choose_observations
 from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_result, write_task
 from mgf_engine.scene.colmap_bundle import projection_errors, transform_model
 from mgf_engine.scene.sparse import SparseModel
-from mgf_engine.subprocesses import run_worker
-from mgf_engine.system import is_installed
+from mgf_engine.system.machine import is_installed
+from mgf_engine.system.subprocesses import run_worker
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")

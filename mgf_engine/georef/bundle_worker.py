@@ -19,7 +19,7 @@ from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_task
 from mgf_engine.scene.adjust_worker import replaced_points
 from mgf_engine.scene.colmap_bundle import Bundle
 from mgf_engine.scene.sparse import SparseModel
-from mgf_engine.subprocesses import end_with_the_job
+from mgf_engine.system.subprocesses import end_with_the_job
 
 Array = NDArray[np.float64]
 #: Known coordinates of the model's last points, and their standard deviations.

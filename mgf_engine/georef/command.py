@@ -7,21 +7,26 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.algorithms import check_used
-from mgf_engine.config import make_config, option_fields
+from mgf_engine.console.commands import run_reported
+from mgf_engine.console.shared_arguments import (
+    add_algorithm_arguments,
+    add_job_argument,
+    add_reporting_arguments,
+    path_of,
+)
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.georef.apply import apply_to_finished
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.model import FILE
 from mgf_engine.georef.report import facts, rms_figures
-from mgf_engine.job import Job
-from mgf_engine.job_folder import known_options, read_job
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.job_folder import known_options, read_job
 from mgf_engine.messages import Reporter
-from mgf_engine.option_input import option_pairs, read_config
-from mgf_engine.reported import run_reported
-from mgf_engine.shared_arguments import add_algorithm_arguments, add_job_argument, add_reporting_arguments, path_of
-from mgf_engine.system import atomic_path
+from mgf_engine.options.algorithms import check_used
+from mgf_engine.options.config import make_config, option_fields
+from mgf_engine.options.user_input import option_pairs, read_config
 
 STAGE = "georef"
 

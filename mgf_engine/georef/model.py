@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
 
 FILE = "georef.json"
 FORMAT = 1

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 from mgf_engine.scene.gravity import GravityOptions
 
 

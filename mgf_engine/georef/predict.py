@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import write_json
 from mgf_engine.georef.control import CONTROL, Control, Point, read_marks, read_points
 from mgf_engine.georef.crs import ProjectedCrs, to_enu
 from mgf_engine.georef.fit_control import fit_control
@@ -26,8 +26,8 @@ from mgf_engine.georef.similarity import applied
 from mgf_engine.georef.triangulate import TriangulatedPoint, place_points, project_point
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.store import read_saved_scene
-from mgf_engine.system import write_json
 
 Array = NDArray[np.float64]
 FORMAT = 1

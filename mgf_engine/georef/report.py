@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.fit_control import ControlRow
 from mgf_engine.model.scene import Scene
-from mgf_engine.system import atomic_path
 
 BEGIN, END = "<!-- georeference -->", "<!-- /georeference -->"
 _HOW = {

@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact_sheet import write_contact_sheet
 from mgf_engine.masks.elements import add_elements
@@ -42,7 +41,8 @@ from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import plain_opencv
-from mgf_engine.system import cores
+from mgf_engine.options.config import Config
+from mgf_engine.system.machine import cores
 
 log = logging.getLogger("mgf")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mgf_engine.algorithms import parameter
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
 from mgf_engine.masks.image_ops import disc
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.system import cores
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
+from mgf_engine.system.machine import cores
 
 LabelMaps = Sequence[NDArray[np.uint8]]
 #: Votes of one view: rows of the points that it votes for, and of those that it votes against.

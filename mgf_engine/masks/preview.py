@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config, make_config, renamed_values
+from mgf_engine.console.commands import read_algorithm_options
 from mgf_engine.errors import BadInput
-from mgf_engine.images import apply_orientation, read_rgb, resize
+from mgf_engine.files.images import apply_orientation, read_rgb, resize
 from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
@@ -40,7 +40,7 @@ from mgf_engine.masks.store import write_image
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.reported import read_algorithm_options
+from mgf_engine.options.config import Config, make_config, renamed_values
 from mgf_engine.scene.cameras import from_original, to_original
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.gravity import GravityOptions, up_of_tilted_view
@@ -49,7 +49,7 @@ from mgf_engine.scene.names import named_like
 from mgf_engine.scene.normalise import normalise_pose, rotation_of
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
-from mgf_engine.system import cores
+from mgf_engine.system.machine import cores
 
 _MAP_STEP = 8  # px between the places where the lens is evaluated
 

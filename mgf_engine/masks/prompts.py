@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import UnreadablePhoto, read_info
+from mgf_engine.files.images import UnreadablePhoto, read_info
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.names import named_like

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import png_size
+from mgf_engine.files.atomic import atomic_path, write_json
+from mgf_engine.files.images import png_size
 from mgf_engine.masks.parts import Part
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.system import atomic_path, write_json
 
 VERSION = 1
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import png_size
+from mgf_engine.files.images import png_size
 from mgf_engine.masks.store import read_png
 from mgf_engine.model.masks import BUILDING, IGNORE, building
 from mgf_engine.model.scene import Scene, View

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas, open_edges, parts, split_nonmanifold, weld, with_faces
 from mgf_engine.geometry.clip import clip_level
 from mgf_engine.mesh.holes import boundary_loops, rim_length
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges
+from mgf_engine.options.algorithms import parameter
 
 _REACH = 4.0  # standard deviations of the heat kernel beyond which values stay as they are
 _STEPS = 3  # of implicit Euler

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.library import call
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 _BYTES_PER_PIXEL, _BYTES_PER_VERTEX = 30, 80  # while a view is drawn
 CHUNK = 1 << 15  # vertices that are blended at a time

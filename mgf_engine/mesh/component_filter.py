@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas, large_parts, parts
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from mgf_engine.files.spill import Spill
 from mgf_engine.mesh.depth_smoothing import smooth_depth
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.photometric import Matched, RenderedSurface, match_surface, without_match
@@ -22,7 +23,6 @@ from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.api import Camera, render
 from mgf_engine.raster.device import each_view
 from mgf_engine.raster.points import INSIDE, NEAR
-from mgf_engine.spill import Spill
 
 CPU = torch.device("cpu")
 FAR = 1e6  # depth of pixels that show no surface

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
 from mgf_engine.mesh.photometric import Matched
 from mgf_engine.native.library import call
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 
 MARGIN = 2, 16  # padding of each plane in rows and columns, as csrc/stereo/smooth_depth.c expects it
 LANES = 16  # row length is a multiple of this

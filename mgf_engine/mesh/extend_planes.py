@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.planar import Flattened
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, smooth_borders, undo_folds
@@ -23,6 +22,7 @@ from mgf_engine.mesh.plane_labels import PlaneLabelOptions, fill_islands, label_
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 

@@ -39,7 +39,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.crop import CropBox, crop_of
 from mgf_engine.start.surface import StartSurface
-from mgf_engine.timing import PartTimes
+from mgf_engine.system.timing import PartTimes
 
 log = logging.getLogger("mgf")
 

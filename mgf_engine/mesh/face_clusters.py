@@ -18,7 +18,7 @@ _ENDS = np.indices((2, 2, 2)).reshape(3, 8).T  # which end of a box each of its 
 
 @dataclass(frozen=True)
 class FaceClusters:
-    """Faces that follow each other in a mesh, and so lie close together (:mod:`mgf_engine.morton`).
+    """Faces that follow each other in a mesh, and so lie close together (:mod:`mgf_engine.geometry.morton`).
 
     Attributes:
         faces: int32 [B, CLUSTER_SIZE, 3]; those of the last cluster may repeat its last.

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.hull import HullOptions
 from mgf_engine.mesh.photometric import MatchOptions
 from mgf_engine.mesh.prior import PriorOptions
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 from mgf_engine.raster import points as kernel
 
 

@@ -18,7 +18,7 @@ from mgf_engine.mesh.tetra_blocks import TetraBlocks, join_blocks
 from mgf_engine.mesh.tetrahedra import TetraPoints
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.timing import PartTimes
+from mgf_engine.system.timing import PartTimes
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import edges, open_edges, with_faces
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.options.algorithms import parameter
 
 TOGETHER = 1e-5  # of the mesh's size
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import with_faces
 from mgf_engine.mesh.face_visibility import PixelCounts, count_pixels, count_uncovered
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
+from mgf_engine.geometry.sampling import farthest_point_sampling
 from mgf_engine.mesh.hull import HullOptions, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 from mgf_engine.raster import points as kernel
-from mgf_engine.sampling import farthest_point_sampling
 
 CHUNK = 1 << 22  # number of points evaluated at a time, which limits the memory; each chunk projects the field again
 

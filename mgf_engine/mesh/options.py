@@ -5,8 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
 from mgf_engine.mesh.border_smoothing import MeshBorderOptions
 from mgf_engine.mesh.colors import ColorOptions
@@ -24,6 +22,8 @@ from mgf_engine.mesh.relief import ReliefOptions
 from mgf_engine.mesh.screening import ScreeningOptions
 from mgf_engine.mesh.tetrahedra import TetrahedraOptions
 from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 from mgf_engine.scene.neighbours import NeighbourOptions
 
 

@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
-from mgf_engine.system import atomic_path
+from mgf_engine.options.algorithms import parameter
 
 REST = "building"
 FILE = "mesh_parts.npz"

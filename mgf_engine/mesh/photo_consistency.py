@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 _PIECE = 20_000  # places compared at a time: some 20 MB

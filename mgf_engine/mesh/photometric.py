@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.model.scene import View
 from mgf_engine.native.library import parallel
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.kernel_photos import pack_quads, photo_struct
 
 PATCH_PIXELS = 25  # pixels of a patch; their depths have the same error

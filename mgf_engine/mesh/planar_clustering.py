@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import weld
+from mgf_engine.geometry.morton import BITS, arrange, morton
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.model.topology import Adjacency
-from mgf_engine.morton import BITS, arrange, morton
 from mgf_engine.native.library import call
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ import numpy as np
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import open_edges
 from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.normals import face_cross_products, unit_vectors
@@ -22,6 +21,7 @@ from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 # Minimum share of a face's area before that makes it turned: one whose corners all lie on a crease has none, and so no

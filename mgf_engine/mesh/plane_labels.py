@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas, vertex_areas
 from mgf_engine.geometry.components import label_components
 from mgf_engine.mesh.colors import vertex_normals
@@ -22,6 +21,7 @@ from mgf_engine.mesh.near_planes import Index, NearPlanes, join_ranges, near_pla
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches, widest_angle
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 _PIECE = 300_000  # pairs of a label and a neighbour at a time: some 50 MB

@@ -15,11 +15,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.mesh.photometric import Matched, MatchOptions, RenderedSurface, match_surface
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float32]
 

@@ -28,8 +28,8 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.crop import CropBox
 from mgf_engine.start.surface import StartSurface
-from mgf_engine.system import release_memory
-from mgf_engine.timing import PartTimes
+from mgf_engine.system.machine import release_memory
+from mgf_engine.system.timing import PartTimes
 
 #: Progress of the stage (0..1) before the tetrahedra and after the raw surface.
 _TETRAHEDRA, RAW_SURFACE_DONE = 0.22, 0.5

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.decimate import ground_pixels
@@ -25,6 +24,7 @@ from mgf_engine.mesh.trusted_views import Photos, TrustedViews
 from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

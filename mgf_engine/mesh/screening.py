@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.points import ViewVotes, VoteOptions, Votes, choose_voters, count_votes, decide, votes_of_views
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.scene import Scene
-from mgf_engine.system import cores
+from mgf_engine.options.config import job_option
+from mgf_engine.system.machine import cores
 
 log = logging.getLogger("mgf")
 #: Share of the Gaussians from which a photo that alone removes them is named. Where nothing stands in front of the

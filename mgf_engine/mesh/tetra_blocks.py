@@ -19,7 +19,7 @@ from mgf_engine.geometry.block_store import BlockStore
 from mgf_engine.geometry.delaunay import background_delaunay, spans_volume
 from mgf_engine.mesh.tetrahedra import TetraPoints
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.system import release_memory
+from mgf_engine.system.machine import release_memory
 
 #: (number of a block, check) -> its tetrahedra, int32 [T, 4]; ``check`` is called while waiting, and may raise.
 Made = Callable[[int, Callable[[], None]], NDArray[np.int32]]

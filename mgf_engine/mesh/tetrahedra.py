@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
+from mgf_engine.geometry.morton import morton
 from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.morton import morton
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.raster.points import deviations
 from mgf_engine.scene.crop import CropBox
 from mgf_engine.start.samples import sample_poisson_disk

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.files.spill import Spill
 from mgf_engine.mesh.depth_maps import DepthMap, Progress, ViewSurfaces, make_depth_maps, render_surface
 from mgf_engine.mesh.fusion_options import FusionOptions, TsdfOptions
 from mgf_engine.mesh.hull import outside_hull
@@ -29,7 +30,6 @@ from mgf_engine.native.library import parallel
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.raster.camera import pose_and_intrinsics
 from mgf_engine.raster.points import NEAR
-from mgf_engine.spill import Spill
 
 CHUNK = 1 << 16  # number of points that are sampled at a time, which limits the memory
 

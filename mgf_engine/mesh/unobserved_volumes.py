@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas, open_edges, unconfirmed_patches, with_faces
 from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.images import read_rgb
+from mgf_engine.files.images import read_rgb
 from mgf_engine.model.photo_cache import PHOTOS, PhotoCache
 
 

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.bake import barycentric, fill_gutters
 from mgf_engine.texture.charts import JPEG_UNIT
 

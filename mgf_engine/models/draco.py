@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.system import atomic_path
+from mgf_engine.files.atomic import atomic_path
 
 EXTENSION = "KHR_draco_mesh_compression"
 POSITION_BITS, TEXTURE_BITS = 16, 14  # half a millimetre on a building of 30 m; a quarter pixel of 4096

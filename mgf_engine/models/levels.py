@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.mesh_files import IMAGE, encode_jpeg, write_glb
 from mgf_engine.georef.export import GLTF_AXES, extras
 from mgf_engine.messages import Reporter
@@ -18,7 +19,6 @@ from mgf_engine.models.tiles import make_tileset
 from mgf_engine.models.usd import FILE as PACKAGE
 from mgf_engine.models.usd import write_usd
 from mgf_engine.models.work import Work
-from mgf_engine.system import write_json
 
 _REDUCED, _PAINTED = 0.2, 0.6  # shares of the work
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import render_parallel
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.options.algorithms import parameter
 
 SAMPLES = 100_000  # points on each of two surfaces whose deviation is reported
 _DIRECTIONS, _SIDE = 8, 400  # of silhouettes: around the building, and pixels along the side of each picture

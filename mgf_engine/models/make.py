@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.drawings.load import UpOptions, read_survey, warn_of_unknown_scale
+from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.mesh_files import COORDINATES, IMAGE, read_texture
-from mgf_engine.job_folder import locked, with_algorithms_of_job
+from mgf_engine.jobs.job_folder import locked, with_algorithms_of_job
+from mgf_engine.jobs.output_folder import Cost, check_place, new_folder, tell_of_earlier
 from mgf_engine.messages import Reporter
 from mgf_engine.models.cityjson import FILE as CITYJSON
 from mgf_engine.models.cityjson import make_cityjson
@@ -25,8 +27,6 @@ from mgf_engine.models.report import add_to_report
 from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
 from mgf_engine.models.solid.openings import OpeningOptions, add_openings
 from mgf_engine.models.work import ModelOptions, Work
-from mgf_engine.output_folder import Cost, check_place, new_folder, tell_of_earlier
-from mgf_engine.system import write_json
 
 STAGE = "models"
 INDEX = "models.json"

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.drawings.model import Survey
+from mgf_engine.jobs.output_folder import Deliverables
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.kinds import KINDS
-from mgf_engine.output_folder import Deliverables
 
 
 @dataclass(frozen=True)

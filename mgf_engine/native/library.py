@@ -24,7 +24,7 @@ import numpy as np
 
 from mgf_engine.errors import BadInput
 from mgf_engine.native.build import TARGETS, VARIANTS, host_target, library_path
-from mgf_engine.system import cores, release_memory
+from mgf_engine.system.machine import cores, release_memory
 
 #: ``alone``: work loops that this thread starts run on it only, because others of its kind keep the cores busy.
 _here = threading.local()

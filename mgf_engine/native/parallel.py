@@ -9,9 +9,9 @@ from typing import TypeVar
 
 import cv2
 
-from mgf_engine.memory import at_once
 from mgf_engine.native.library import map_on_kernel_threads
 from mgf_engine.native.library import threads as kernel_threads
+from mgf_engine.system.memory import at_once
 
 S = TypeVar("S")
 T = TypeVar("T")

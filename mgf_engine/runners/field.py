@@ -7,9 +7,9 @@ from typing import Any
 
 from mgf_engine.field.export import write_splats
 from mgf_engine.field.trainer import CHECKPOINT, train
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_inputs
 from mgf_engine.messages import Reporter
-from mgf_engine.results import load_inputs
 
 
 def run_field(job: Job, reporter: Reporter) -> dict[str, Any]:

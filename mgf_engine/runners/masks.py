@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_scene_of
 from mgf_engine.masks.build import build_masks
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import building
-from mgf_engine.results import load_scene_of
 
 
 def run_masks(job: Job, reporter: Reporter) -> dict[str, Any]:

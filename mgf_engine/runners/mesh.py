@@ -10,16 +10,16 @@ import numpy as np
 from mgf_engine.geometry.block_store import clear_blocks
 from mgf_engine.geometry.clean import vertex_areas
 from mgf_engine.geometry.mesh_files import in_scene, write_ply
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_field, load_inputs
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
 from mgf_engine.mesh.parts import FacePartOptions, face_parts, named_parts, write_parts
 from mgf_engine.messages import Reporter
-from mgf_engine.results import load_field, load_inputs
 from mgf_engine.start.store import FILE as START
 from mgf_engine.start.store import read_start
-from mgf_engine.timing import PartTimes
+from mgf_engine.system.timing import PartTimes
 
 #: Mean confidence of a mesh below which its F1 is about half of what the scene allows (docs/stability.md).
 DOUBTFUL = 0.5

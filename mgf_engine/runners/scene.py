@@ -9,7 +9,7 @@ from typing import Any
 from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
 from mgf_engine.masks.prompts import clicked_names
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.load import load_scene

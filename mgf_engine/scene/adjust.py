@@ -19,9 +19,9 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter, log
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_result, write_task
 from mgf_engine.scene.colmap_bundle import (
     centres,
@@ -32,7 +32,7 @@ from mgf_engine.scene.colmap_bundle import (
     transform_model,
 )
 from mgf_engine.scene.sparse import SparseModel, check_model
-from mgf_engine.subprocesses import run_worker
+from mgf_engine.system.subprocesses import run_worker
 
 Indices = NDArray[np.int64]
 COMMAND = (sys.executable, "-m", "mgf_engine.scene.adjust_worker")

@@ -28,7 +28,7 @@ from mgf_engine.scene.colmap_bundle import (
     working_scale,
 )
 from mgf_engine.scene.sparse import SparseModel
-from mgf_engine.subprocesses import end_with_the_job
+from mgf_engine.system.subprocesses import end_with_the_job
 
 Array = NDArray[np.float64]
 #: Exit code when the cameras that were found lie nowhere near the old ones.

@@ -16,7 +16,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import resize
+from mgf_engine.files.images import resize
 from mgf_engine.model.scene import Lens, View
 from mgf_engine.scene.sparse import SparseCamera
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.depths import Depths, Matching, match_photos
 from mgf_engine.scene.neighbours import MatchingPoints
 from mgf_engine.scene.patch_match import PatchMatchOptions, improve_depths

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.images import read_rgb, write_png
+from mgf_engine.files.images import read_rgb, write_png
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 _TOLERANCE, _MAX_STEPS = 1e-9, 2000  # relative residual of the conjugate gradients, and number of their steps
 

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 

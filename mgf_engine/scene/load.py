@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput, is_full_disk
-from mgf_engine.images import UnreadablePhoto, read_infos
+from mgf_engine.files.atomic import put_in_place
+from mgf_engine.files.images import UnreadablePhoto, read_infos
 from mgf_engine.messages import Reporter
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.config import Config
 from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, read_model
 from mgf_engine.scene.exposure import ExposureOptions, even_exposure
@@ -30,7 +31,7 @@ from mgf_engine.scene.sparse import SparseModel
 from mgf_engine.scene.store import FILE, save_scene
 from mgf_engine.scene.unreadable import check_readable, find_unreadable, warn_of_unreadable
 from mgf_engine.scene.validation import ValidationOptions, drop_views, filter_outliers
-from mgf_engine.system import cores, put_in_place
+from mgf_engine.system.machine import cores
 
 log = logging.getLogger("mgf")
 

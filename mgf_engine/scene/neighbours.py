@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.native.library import parallel
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.depths import Depths
 from mgf_engine.scene.kernel_photos import photo_struct
 from mgf_engine.scene.neighbours import MatchingPoints, NeighbourOptions

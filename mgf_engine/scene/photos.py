@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import PhotoInfo, UnreadablePhoto, apply_orientation, read_infos, read_rgb, write_png
-from mgf_engine.memory import share
+from mgf_engine.files.images import PhotoInfo, UnreadablePhoto, apply_orientation, read_infos, read_rgb, write_png
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import View
 from mgf_engine.scene.cameras import WorkingCamera, plan_camera
 from mgf_engine.scene.sparse import NO_POINT, SparseCamera, SparseImage, SparseModel
-from mgf_engine.system import cores
+from mgf_engine.system.machine import cores
+from mgf_engine.system.memory import share
 
 #: Bytes that photos being decoded may take together, and the share of the job's memory where that is less; a photo
 #: takes about nine times its pixels.

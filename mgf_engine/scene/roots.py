@@ -9,8 +9,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.sampling import farthest_point_sampling
 from mgf_engine.model.scene import View
-from mgf_engine.sampling import farthest_point_sampling
 from mgf_engine.scene.normalise import CAMERA_DISTANCE
 
 _FEWEST_ROOTS = 3

@@ -21,15 +21,15 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import job_option
 from mgf_engine.errors import BadInput
-from mgf_engine.images import PhotoInfo
+from mgf_engine.files.atomic import write_json
+from mgf_engine.files.images import PhotoInfo
 from mgf_engine.messages import Reporter, log
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import job_option
 from mgf_engine.scene.colmap import MIN_SFM_PHOTOS, too_few_photos
 from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
-from mgf_engine.subprocesses import ended, worker
-from mgf_engine.system import write_json
+from mgf_engine.system.subprocesses import ended, worker
 
 _ADVICE = "take more photos with at least 60 % overlap, or give a COLMAP model"
 #: Share of the whole that is done when the features, the matches are there.

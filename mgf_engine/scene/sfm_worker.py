@@ -18,10 +18,10 @@ from typing import Any
 
 import pycolmap
 
+from mgf_engine.files.atomic import put_in_place, write_json
 from mgf_engine.scene.colmap import MIN_SFM_PHOTOS
 from mgf_engine.scene.pairs import choose_pairs
-from mgf_engine.subprocesses import end_with_the_job
-from mgf_engine.system import put_in_place, write_json
+from mgf_engine.system.subprocesses import end_with_the_job
 
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
 #: Exit code when the photos give no model.

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.kernel_photos import pack_quads
 from mgf_engine.scene.neighbours import NeighbourOptions
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import read_info
+from mgf_engine.files.atomic import put_in_place
+from mgf_engine.files.images import read_info
+from mgf_engine.files.safe_npz import read_arrays
 from mgf_engine.model.scene import Lens, Scene, Similarity, View
-from mgf_engine.safe_npz import read_arrays
-from mgf_engine.system import put_in_place
 
 FILE = "scene.npz"
 FORMAT = 1

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import UnreadablePhoto, read_rgb
+from mgf_engine.files.images import UnreadablePhoto, read_rgb
 from mgf_engine.messages import Reporter
 from mgf_engine.scene.colmap import too_many_lost
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.adjust import AdjustOptions, far_points
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.gravity import horizontal_axes

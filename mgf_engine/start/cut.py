@@ -26,7 +26,7 @@ from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions
 from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
 from mgf_engine.start.views import StartViews, pixel_rays
-from mgf_engine.system import release_memory
+from mgf_engine.system.machine import release_memory
 
 log = logging.getLogger("mgf")
 _HARD_CAPACITY = 1e9  # capacity of hard constraints; no sum of other terms exceeds it

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import Config, job_option
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import Config, job_option
 from mgf_engine.scene.coarse_stereo import CoarseStereoOptions
 from mgf_engine.scene.patch_match import PatchMatchOptions
 from mgf_engine.scene.stereo import StereoOptions

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, most_pixels
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 _CHUNK = 1 << 16  # samples that are computed at a time, which bounds the memory
 _BATCH = 1 << 20  # samples whose pairs of neighbours are in memory at a time

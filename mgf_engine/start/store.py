@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from mgf_engine.files.atomic import atomic_path
+from mgf_engine.files.safe_npz import read_arrays
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.safe_npz import read_arrays
 from mgf_engine.start.surface import StartSurface
-from mgf_engine.system import atomic_path
 
 FILE = "start.npz"
 #: Arrays of the file; "sure" is the confidence of the faces.

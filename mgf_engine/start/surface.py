@@ -21,8 +21,8 @@ from mgf_engine.start.lines import find_lines
 from mgf_engine.start.options import StartOptions
 from mgf_engine.start.segments import find_segments
 from mgf_engine.start.views import start_views
-from mgf_engine.system import cores, release_memory
-from mgf_engine.timing import PartTimes
+from mgf_engine.system.machine import cores, release_memory
+from mgf_engine.system.timing import PartTimes
 
 #: Parts of the work, in order, as progress messages name them.
 PARTS = ("views", "dense", "lines", "planes", "cut")

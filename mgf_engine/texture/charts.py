@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.model import NO_VIEW, Layout
 
 CELL = 6  # px; side of the square that a face without photo gets: the least that keeps a colour when filtered

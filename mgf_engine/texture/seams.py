@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import cg
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, face_normals
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.model import NO_VIEW, painting_views
 
 Array = NDArray[np.float64]

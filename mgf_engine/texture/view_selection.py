@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.components import label_components
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.visibility import FaceViews, VisibilityOptions
 

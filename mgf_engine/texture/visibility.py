@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import corners, face_normals, render_mesh
 from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 _BYTES_PER_PIXEL, _BYTES_PER_FACE = 30, 60  # while a view is drawn
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.errors import BadInput
-from mgf_engine.system import json_text
+from mgf_engine.files.atomic import json_text
 from mgf_engine.town.hulls import BY_HAND
 from mgf_engine.town.plan import CLICKS, Building
 from mgf_engine.town.submodel import write_if_changed

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.roots import camera_poses, sample_views
 from mgf_engine.town.hulls import BuildingHullOptions, Hull, prism

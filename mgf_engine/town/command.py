@@ -7,12 +7,12 @@ import argparse
 import sys
 from typing import Any
 
-from mgf_engine.config import make_config
+from mgf_engine.console.shared_arguments import path_of
+from mgf_engine.console.terminal import format_duration, make_sink
 from mgf_engine.errors import EXIT_DONE, BadInput
-from mgf_engine.memory import GB
 from mgf_engine.messages import Reporter
-from mgf_engine.shared_arguments import path_of
-from mgf_engine.terminal import format_duration, make_sink
+from mgf_engine.options.config import make_config
+from mgf_engine.system.memory import GB
 from mgf_engine.town.folder import town_folder
 from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan
 from mgf_engine.town.plan_files import read_plan

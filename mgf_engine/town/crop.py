@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mgf_engine.algorithms import parameter
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.town.hulls import Hull
 from mgf_engine.town.place import PlacedFootprints
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.options.config import Config
 from mgf_engine.town.footprints import Footprints
 from mgf_engine.town.hulls import BuildingHullOptions
 from mgf_engine.town.place import PlacedFootprints, local_points, place_scene

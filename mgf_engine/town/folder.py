@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
-from mgf_engine.job_folder import check_no_file, make_folder, remove_refused, same_folder
+from mgf_engine.jobs.job_folder import check_no_file, make_folder, remove_refused, same_folder
 from mgf_engine.town.plan import BUILDINGS, FILE, SCENE
 
 #: What a town leaves that ended before its plan was whole; hidden files besides.

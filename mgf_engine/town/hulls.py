@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 

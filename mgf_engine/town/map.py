@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.model.scene import Scene
-from mgf_engine.system import atomic_path
 from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, GONE, READY, UNMAPPED, UNSEEN
 from mgf_engine.town.place import PlacedFootprints, local_points
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from mgf_engine.console.terminal import format_duration
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.masks.propagation.prompt_messages import asks_for_other_clicks
-from mgf_engine.system import atomic_path
-from mgf_engine.terminal import format_duration
 from mgf_engine.town.hulls import BY_HAND
 from mgf_engine.town.map import COLORS
 from mgf_engine.town.plan import BUILDINGS

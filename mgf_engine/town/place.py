@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.crs import AUTO, normalise_crs, proj
 from mgf_engine.georef.find import find_georeference
@@ -22,6 +21,7 @@ from mgf_engine.georef.model import METRE, Georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import LINE, straightness, umeyama
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import Config
 from mgf_engine.scene.normalise import CAMERA_DISTANCE
 from mgf_engine.town.footprints import Footprints
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.town.clicks import ClickOptions, suggest_clicks
 from mgf_engine.town.crop import BuildingBoxOptions
 from mgf_engine.town.find import OutlineOptions, find_outlines
@@ -118,8 +118,8 @@ def shared_scene(source: Path, folder: Path, user_options: dict[str, Any], repor
     Raises:
         BadInput: as the scene stage.
     """
+    from mgf_engine.jobs.results import load_scene_of
     from mgf_engine.pipeline import run_job
-    from mgf_engine.results import load_scene_of
 
     with Job.start(folder, source, user_options=user_options, resume=(folder / "job.json").exists()) as job:
         run_job(job, reporter, until="scene")

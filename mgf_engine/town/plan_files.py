@@ -18,17 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config, make_config
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import PhotoSummary, estimate
+from mgf_engine.files.atomic import json_text
 from mgf_engine.georef.model import Georeference, write_georeference
-from mgf_engine.job import Job
+from mgf_engine.jobs.estimate import PhotoSummary, estimate
+from mgf_engine.jobs.job import Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import Config, make_config
 from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.sparse import SparseModel
-from mgf_engine.system import json_text
 from mgf_engine.town.click_files import digest, read_automatic, with_hand_clicks, write_clicks
 from mgf_engine.town.crop import crop_box
 from mgf_engine.town.footprints import Footprints

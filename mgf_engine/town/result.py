@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import atomic_path, write_json
 from mgf_engine.geometry.mesh_files import IMAGE, read_ply, read_texture, textured, write_ply
 from mgf_engine.georef.export import GLTF_AXES
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh, Texture
-from mgf_engine.system import atomic_path, write_json
 from mgf_engine.town.plan import BUILDINGS
 from mgf_engine.town.plan_files import read_plan
 from mgf_engine.town.solid import merge_cityjson, read_solids

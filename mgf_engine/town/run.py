@@ -13,12 +13,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from mgf_engine.console.shared_arguments import path_of
+from mgf_engine.console.terminal import format_duration, make_sink
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
-from mgf_engine.job_folder import locked
+from mgf_engine.jobs.job_folder import locked
 from mgf_engine.messages import Reporter
-from mgf_engine.shared_arguments import path_of
-from mgf_engine.system import is_installed
-from mgf_engine.terminal import format_duration, make_sink
+from mgf_engine.system.machine import is_installed
 from mgf_engine.town.command import add_arguments as add_plan_arguments
 from mgf_engine.town.command import plan_town, time_and_memory
 from mgf_engine.town.folder import town_folder

@@ -10,14 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.colmap import find_model, find_photos, read_model
 from mgf_engine.scene.load import build_scene
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.store import FILE, read_saved_scene, save_scene
-from mgf_engine.system import cpu_seconds
+from mgf_engine.system.machine import cpu_seconds
 
 _SAME = 1e-6  # of intrinsics in pixels, relative
 

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
-from mgf_engine.system import is_installed
+from mgf_engine.system.machine import is_installed
 from mgf_engine.town.footprints import TOWN
 
 SLURM = "slurm"

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mgf_engine.errors import BadInput, Cancelled, explain
+from mgf_engine.files.atomic import write_json
 from mgf_engine.georef.model import Georeference, read_georeference
-from mgf_engine.system import cpu_seconds, write_json
+from mgf_engine.system.machine import cpu_seconds
 from mgf_engine.town.hulls import GONE
 from mgf_engine.town.plan_files import read_plan
 
@@ -60,7 +61,7 @@ def make_solid(folder: Path, job: Path, town: Path) -> dict[str, Any]:
         BadInput: the job is damaged.
     """
     from mgf_engine.drawings.load import UpOptions, read_survey
-    from mgf_engine.job_folder import with_algorithms_of_job
+    from mgf_engine.jobs.job_folder import with_algorithms_of_job
     from mgf_engine.models.cityjson import make_cityjson
     from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
     from mgf_engine.town.view_selection import BuildingViewOptions

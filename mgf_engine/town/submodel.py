@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.scene.colmap import plain_name
 from mgf_engine.scene.sparse import NO_POINT, SparseImage, SparseModel
-from mgf_engine.system import atomic_path
 
 _FEWEST_VIEWS = 2  # that still see a point
 

@@ -12,17 +12,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
+from mgf_engine.console.commands import run_reported
+from mgf_engine.console.shared_arguments import add_reporting_arguments, path_of
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import json_text
+from mgf_engine.files.images import write_picture
 from mgf_engine.georef.model import Georeference
-from mgf_engine.images import write_picture
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
-from mgf_engine.reported import run_reported
+from mgf_engine.options.config import Config
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.crop import parse_crop_box
-from mgf_engine.shared_arguments import add_reporting_arguments, path_of
-from mgf_engine.system import json_text
 from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.find import find_outlines
 from mgf_engine.town.hulls import READY, make_hulls

@@ -21,16 +21,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.errors import EXIT_DONE, BadInput, explain
+from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.mesh_files import write_ply, write_texture
 from mgf_engine.georef.model import read_georeference
-from mgf_engine.job_folder import with_algorithms_of_job
+from mgf_engine.jobs.job_folder import with_algorithms_of_job
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
-from mgf_engine.system import cpu_seconds, write_json
+from mgf_engine.options.algorithms import parameter
+from mgf_engine.system.machine import cpu_seconds
 from mgf_engine.town.find import height_over_ground
 from mgf_engine.town.hulls import GONE, Hull
 from mgf_engine.town.place import local_points, to_normalised

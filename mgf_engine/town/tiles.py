@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mgf_engine import __version__
+from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.mesh_files import IMAGE, write_glb
 from mgf_engine.georef.export import GLTF_AXES
 from mgf_engine.georef.model import Georeference
@@ -17,7 +18,6 @@ from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.lod import measure_deviation
 from mgf_engine.models.place import place_on_earth
 from mgf_engine.models.tiles import make_tileset
-from mgf_engine.system import write_json
 
 FOLDER, FILE, TERRAIN = "tiles", "tileset.json", "terrain.glb"
 _COARSE, _SAMPLES = 0.1, 20_000  # share of the faces from afar; points that tell how far off that is

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.rasterize import render_mesh, scaled_view
 from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.town.hulls import Hull, prism, samples
 from mgf_engine.town.place import to_normalised
 

@@ -20,10 +20,10 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.config import make_config
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, explain
+from mgf_engine.files.atomic import json_text, write_json
 from mgf_engine.messages import Message, Reporter
-from mgf_engine.system import json_text, write_json
+from mgf_engine.options.config import make_config
 
 STATUS, DONE, PICTURE, JOB = "status.json", "done.json", "picture.jpg", "job"
 #: What a second attempt makes smaller: about half of the memory.
@@ -127,7 +127,7 @@ def worth_retrying(status: dict[str, Any]) -> bool:
 
 def _open_job(folder: Path, user_options: dict[str, Any]) -> Any:
     """Open the job, once a job of a town that was killed has let go of its folder."""
-    from mgf_engine.job import Job
+    from mgf_engine.jobs.job import Job
 
     place, until = folder / JOB, time.monotonic() + _PATIENCE
     while True:
@@ -172,10 +172,10 @@ def draw(job: Any, path: Path) -> None:
     import cv2
     import numpy as np
 
+    from mgf_engine.files.images import write_picture
     from mgf_engine.geometry.rasterize import render_mesh, shaded
-    from mgf_engine.images import write_picture
+    from mgf_engine.jobs.results import load_mesh, load_scene_of
     from mgf_engine.model.mesh import Mesh
-    from mgf_engine.results import load_mesh, load_scene_of
 
     scene, mesh = load_scene_of(job), load_mesh(job)
     mesh = Mesh(scene.to_normalised.apply(mesh.vertices), mesh.faces, mesh.colors)

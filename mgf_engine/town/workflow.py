@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.memory import budget_of
-from mgf_engine.system import cores, write_json
+from mgf_engine.files.atomic import write_json
+from mgf_engine.system.machine import cores
+from mgf_engine.system.memory import budget_of
 from mgf_engine.town.slurm import SLURM, cancel_jobs, slurm_arguments
 
 SNAKEFILE = Path(__file__).with_name("Snakefile")

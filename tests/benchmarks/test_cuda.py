@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from benchmarks import cuda
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.field import cuda_check, cuda_compare
 from mgf_engine.native.cuda import checked_gpus

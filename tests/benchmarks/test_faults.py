@@ -14,10 +14,10 @@ import pytest
 from benchmarks.full_disk import run as run_on_full_disk
 from benchmarks.synthetic.house_scene import PHOTOS, house_scene
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_FAULT, BadInput, explain
-from mgf_engine.job import Job
-from mgf_engine.job_folder import read_job
+from mgf_engine.files.atomic import json_text, write_json
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.job_folder import read_job
 from mgf_engine.messages import encode
-from mgf_engine.system import json_text, write_json
 
 BROKEN = os.fsdecode(b"caf\xe9")  # a name in Latin-1, as an old disk may hold
 
@@ -77,7 +77,7 @@ def test_libraries_without_memory_are_understood(text: str) -> None:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks Linux for the process's memory")
 def test_strange_errors_near_the_memory_limit_are_understood() -> None:
     code = (
-        "import resource; from mgf_engine.errors import explain; from mgf_engine.system import near_memory_limit;"
+        "import resource; from mgf_engine.errors import explain; from mgf_engine.errors import near_memory_limit;"
         "error = SystemError('error return without exception set'); print(explain(error)[0], near_memory_limit());"
         "resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)); print(explain(error)[0]);"
         "block = bytearray(3500 << 20); del block; print(explain(error)[0])"

@@ -19,8 +19,8 @@ from benchmarks.fuzz.mutate import mutate
 from benchmarks.fuzz.targets import TARGETS
 from benchmarks.fuzz.worker import try_reading
 from mgf_engine.errors import BadInput
-from mgf_engine.images import png_size, read_info
-from mgf_engine.safe_npz import read_arrays
+from mgf_engine.files.images import png_size, read_info
+from mgf_engine.files.safe_npz import read_arrays
 
 ROOT = Path(__file__).parents[2]
 CASES = ROOT / "benchmarks" / "fuzz" / "cases"

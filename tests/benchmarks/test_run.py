@@ -34,8 +34,8 @@ from benchmarks.suites import (
     peers,
     suite_runs,
 )
-from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.options.config import as_dict, make_config
 from mgf_engine.scene.colmap import find_model
 
 

@@ -18,8 +18,8 @@ from benchmarks.run import bench_main
 from benchmarks.scene_series import SERIES
 from benchmarks.stability import crossing, outcome, spreads, stability_main, summarise
 from benchmarks.stability_charts import markdown
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
+from mgf_engine.options.config import make_config
 
 
 def row(name: str, level: float, mode: str = "masks", f1: float | None = 80.0, **more: Any) -> dict[str, Any]:

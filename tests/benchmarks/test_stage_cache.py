@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.stage_cache import cache_entry, restore_stages, saved_cost, store_stages
-from mgf_engine.config import make_config
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
+from mgf_engine.options.config import make_config
 
 
 @pytest.fixture

@@ -22,7 +22,7 @@ from benchmarks.surface_charts import (
     surface_tables,
 )
 from mgf_engine.errors import BadInput
-from mgf_engine.presets import PRESETS
+from mgf_engine.options.presets import PRESETS
 
 
 def row(

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from support.finished_job import FinishedJob
 
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]]]:

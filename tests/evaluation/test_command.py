@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from benchmarks.synthetic.colmap_scene import reconstruction, write_model
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 
 
 @pytest.fixture

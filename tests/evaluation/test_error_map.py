@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.evaluation.error_map import colors, subdivided
 from mgf_engine.evaluation.surfaces import Surface
 

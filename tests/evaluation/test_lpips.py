@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import torch
 
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.images import score
 from mgf_engine.evaluation.lpips import MIN_SIDE, NETWORKS, Lpips, find_lpips, read_lpips

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 import torch
 
-from mgf_engine.config import as_dict, make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.confidence import ConfidenceShares
 from mgf_engine.evaluation.curve import curve_svg, smoothed
@@ -31,7 +30,8 @@ from mgf_engine.evaluation.report import (
     write_report,
 )
 from mgf_engine.export import report as job_report
-from mgf_engine.images import write_png
+from mgf_engine.files.images import write_png
+from mgf_engine.options.config import as_dict, make_config
 
 
 def view(name: str, held_out: bool, shift: int, pictures: bool = True) -> ViewReport:

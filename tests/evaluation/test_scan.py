@@ -16,7 +16,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from benchmarks.synthetic.house import OFFSET, house_mesh
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.scan import ScanOptions, compare_with_scan
 from mgf_engine.evaluation.scan_files import read_scan

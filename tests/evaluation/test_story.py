@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from mgf_engine.config import make_config
 from mgf_engine.evaluation.story import placing
+from mgf_engine.options.config import make_config
 
 
 def test_by_default_matching_starts_and_ends_it() -> None:

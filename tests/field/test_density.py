@@ -6,8 +6,8 @@ import torch
 
 from mgf_engine.field.density import DensificationOptions, budget_at, densify_and_prune, split
 from mgf_engine.field.optimiser import Optimiser
+from mgf_engine.geometry.morton import along_curve
 from mgf_engine.model.gaussians import Gaussians, rotation_matrices
-from mgf_engine.morton import along_curve
 from mgf_engine.raster.api import RenderStats
 
 

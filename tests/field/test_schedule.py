@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.config import make_config
 from mgf_engine.field.schedule import (
     LearningRates,
     ScheduleOptions,
@@ -19,6 +18,7 @@ from mgf_engine.field.schedule import (
     view_order,
     work_at,
 )
+from mgf_engine.options.config import make_config
 
 
 @pytest.mark.parametrize(("side", "levels"), [(750, [4, 2, 1]), (400, [2, 1]), (200, [1])])

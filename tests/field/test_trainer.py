@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from mgf_engine.config import Config, make_config
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.field import trainer
 from mgf_engine.field.checkpoint import read_checkpoint, read_field
 from mgf_engine.field.trainer import train, training_views
 from mgf_engine.messages import Reporter
 from mgf_engine.native.library import set_threads
+from mgf_engine.options.config import Config, make_config
 from mgf_engine.raster import device
 from mgf_engine.raster.cuda import tile_list_capacity
 

@@ -12,10 +12,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from mgf_engine import memory
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.geometry import delaunay, tetgen
-from mgf_engine.subprocesses import RUNNING
+from mgf_engine.system import memory
+from mgf_engine.system.subprocesses import RUNNING
 
 
 @dataclass(frozen=True)

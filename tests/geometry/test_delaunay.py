@@ -154,7 +154,7 @@ def test_a_point_takes_what_the_budget_counts_on() -> None:
     code = """
 import numpy as np
 from mgf_engine.geometry import delaunay
-from mgf_engine.system import peak_memory
+from mgf_engine.system.machine import peak_memory
 
 points = np.random.default_rng(0).random((300_000, 3))
 delaunay.delaunay(points[:100])

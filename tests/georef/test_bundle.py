@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from georef.strip import ORIGIN, TARGETS, write_strip
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef import bundle
 from mgf_engine.georef.adjust import fit_to_control
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.messages import Reporter
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.load import load_scene
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from support.survey_site import CRS, ORIGIN, TARGETS, make_site, write_gps
 
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.report import rms_figures
+from mgf_engine.options.config import make_config
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ import pytest
 from support.finished_job import finish_job
 from support.jobs import finish_all
 
-from mgf_engine.cli import main
-from mgf_engine.job import Job
-from mgf_engine.job_folder import with_algorithms_of_job
+from mgf_engine.cli.main import main
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.job_folder import with_algorithms_of_job
 from mgf_engine.stages import STAGE_NAMES
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from support.survey_site import CRS, ORIGIN, TARGETS, make_site, write_gps
 
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.command import add_arguments, read_options
 from mgf_engine.georef.control import read_marks
@@ -20,6 +19,7 @@ from mgf_engine.georef.options import GeoreferenceOptions, MarkOptions
 from mgf_engine.georef.predict import write_places
 from mgf_engine.georef.triangulate import place_points
 from mgf_engine.messages import Reporter
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.store import save_scene
 

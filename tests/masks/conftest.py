@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.synthetic.house import House, build_house
-from mgf_engine.config import make_config
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.load import load_scene
 
 

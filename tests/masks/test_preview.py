@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.house import House
-from mgf_engine.cli import main
-from mgf_engine.config import make_config
+from mgf_engine.cli.main import main
 from mgf_engine.masks.preview import one_view
+from mgf_engine.options.config import make_config
 
 
 def preview(house: House, out: Path, *more: str, image: str = "", prompts: Path | None = None) -> int:

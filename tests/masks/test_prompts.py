@@ -9,7 +9,7 @@ from PIL import Image
 from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
-from mgf_engine.images import write_png
+from mgf_engine.files.images import write_png
 from mgf_engine.masks.prompts import PromptsFile, check_prompts, read_prompts
 from mgf_engine.model.scene import Lens, Scene
 from mgf_engine.scene.cameras import to_original

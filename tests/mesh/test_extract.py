@@ -12,14 +12,14 @@ import trimesh
 from support.analytic import as_trimesh, ball, box, cuboid, discs, joined, mesh_of, ring, scene_of, sphere
 from support.mesh_stage import mesh_options, reporter
 
-from mgf_engine import memory
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.geometry import block_store
 from mgf_engine.mesh import tetra_blocks
 from mgf_engine.mesh.border_smoothing import MeshBorderOptions
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.model.gaussians import Gaussians
-from mgf_engine.timing import PartTimes
+from mgf_engine.system import memory
+from mgf_engine.system.timing import PartTimes
 
 
 def distance(points, truth):

@@ -14,9 +14,9 @@ from scipy.sparse.csgraph import connected_components
 from support.analytic import ball, cuboid
 
 from mgf_engine.geometry import clean
+from mgf_engine.geometry.morton import along_curve, arrange, cells_of, morton
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import Adjacency
-from mgf_engine.morton import along_curve, arrange, cells_of, morton
 from mgf_engine.native import library
 
 

@@ -91,7 +91,7 @@ def test_the_command_writes_levels_and_tiles_of_them(job: FinishedJob, models: P
 def test_without_the_package_one_sentence_says_so_before_anything_is_made(
     models: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from mgf_engine.cli import main
+    from mgf_engine.cli.main import main
     from mgf_engine.models import command
 
     monkeypatch.setattr(command, "is_installed", lambda module: module != "DracoPy")

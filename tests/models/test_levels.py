@@ -19,7 +19,7 @@ import trimesh
 from support.finished_job import FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.lod import LodOptions, measure_deviation, reduce_chain, silhouette_overlap

@@ -17,7 +17,7 @@ from support.house_jobs import OPTIONS, copy_until
 from support.jobs import ENVIRONMENT, finish, run_here, start
 
 from benchmarks.synthetic.house import House
-from mgf_engine.terminal import _sentence
+from mgf_engine.console.terminal import _sentence
 
 
 def test_a_scene_that_was_read_names_the_photos_to_click(house: House, tmp_path: Path, capsys) -> None:

@@ -13,11 +13,11 @@ import pytest
 import torch
 
 from mgf_engine import pipeline
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.native.cuda import checked_gpus, compiler, gpu
 from mgf_engine.native.cuda.driver import Driver, DriverError
+from mgf_engine.options.config import make_config
 from mgf_engine.raster import device
 
 

@@ -21,7 +21,7 @@ from support.model_places import SEVERAL, write_project
 
 from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_model, write_photo, write_scene
 from mgf_engine.errors import BadInput
-from mgf_engine.estimate import inspect_photos
+from mgf_engine.jobs.estimate import inspect_photos
 from mgf_engine.scene.colmap import find_model, find_photos, list_photos, plain_name, read_model
 
 PARTS = ("cameras", "images", "points3D", "rigs", "frames")

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mgf_engine.images import read_rgb, write_png
+from mgf_engine.files.images import read_rgb, write_png
 from mgf_engine.model.scene import Scene, Similarity, View
 from mgf_engine.scene.exposure import ExposureOptions, _solve, even_exposure, photo_gains
 

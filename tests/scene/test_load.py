@@ -27,10 +27,10 @@ from benchmarks.synthetic.colmap_scene import (
     write_scene,
 )
 from mgf_engine.errors import BadInput, Cancelled, explain
-from mgf_engine.images import read_rgb
-from mgf_engine.job import Job
+from mgf_engine.files.images import read_rgb
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_scene_of
 from mgf_engine.model.scene import Scene
-from mgf_engine.results import load_scene_of
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.store import FILE, read_saved_scene
 

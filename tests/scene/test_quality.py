@@ -13,7 +13,7 @@ from benchmarks.perturb import perturb
 from benchmarks.perturb_photos import line_kernel
 from benchmarks.synthetic.colmap_scene import Messages
 from benchmarks.synthetic.house_scene import house_scene
-from mgf_engine.config import make_config
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.quality import Quality, blurred_views, noise_of, poor_photos, sharpness_of
 

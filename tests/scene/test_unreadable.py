@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.synthetic.colmap_scene import Messages, write_photo
 from mgf_engine.errors import BadInput
-from mgf_engine.images import UnreadablePhoto
+from mgf_engine.files.images import UnreadablePhoto
 from mgf_engine.scene.unreadable import check_readable, find_unreadable, warn_of_unreadable
 
 

@@ -14,10 +14,10 @@ from support.small_scene import make_scene, view
 from benchmarks.perturb import perturb
 from benchmarks.synthetic.colmap_scene import Messages
 from benchmarks.synthetic.house_scene import PHOTOS, house_scene
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.prompts import read_prompts
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.exposure import observed_colors
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.store import read_saved_scene

@@ -13,7 +13,6 @@ import pytest
 import trimesh
 
 from benchmarks.synthetic.plain_house import PlainHouse
-from mgf_engine import memory
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
@@ -22,6 +21,7 @@ from mgf_engine.start.block_cuts import clip_to_block, thin_evidence
 from mgf_engine.start.evidence import Evidence
 from mgf_engine.start.options import CutOptions, StartOptions
 from mgf_engine.start.surface import StartSurface, start_surface
+from mgf_engine.system import memory
 
 
 def surface(house: PlainHouse, count: int, reporter: Reporter | None = None) -> StartSurface:

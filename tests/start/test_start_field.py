@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.plain_house import PlainHouse
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.field.start import start_field
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import rotation_matrices
+from mgf_engine.options.config import make_config
 from mgf_engine.start.store import FILE, read_start
 
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.synthetic.house import OFFSET, House, build_house, paint
-from mgf_engine.config import make_config
 from mgf_engine.geometry.mesh_files import write_ply
-from mgf_engine.job import Job
+from mgf_engine.jobs.job import Job
 from mgf_engine.masks.parts import Part
 from mgf_engine.masks.store import save_masks
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.load import load_scene
 from mgf_engine.scene.store import save_scene
 

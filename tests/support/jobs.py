@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.cli import main
-from mgf_engine.job import Job
+from mgf_engine.cli.main import main
+from mgf_engine.jobs.job import Job
 from mgf_engine.stages import STAGE_NAMES
 
 ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from mgf_engine.config import make_config
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.messages import Reporter
+from mgf_engine.options.config import make_config
 
 
 def mesh_options(given: dict[str, Any]) -> ExtractionOptions:

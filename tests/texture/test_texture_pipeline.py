@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.house import House, build_house, paint
-from mgf_engine.config import make_config
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Lens, Scene
 from mgf_engine.native.library import set_threads
+from mgf_engine.options.config import make_config
 from mgf_engine.scene import photos
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.load import load_scene

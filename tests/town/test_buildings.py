@@ -14,10 +14,10 @@ import pytest
 
 from benchmarks.synthetic.house import OFFSET
 from benchmarks.synthetic.street import PLACES, Street, build_street, write_footprints
-from mgf_engine.cli import main
-from mgf_engine.config import make_config
-from mgf_engine.job import Job
-from mgf_engine.results import load_scene_of
+from mgf_engine.cli.main import main
+from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.results import load_scene_of
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.crop import parse_crop_box
 from mgf_engine.town.clicks import ClickOptions, find_enclosed

@@ -14,11 +14,11 @@ import pytest
 
 from benchmarks.full_disk import FullDisk
 from benchmarks.synthetic.street import PLACES, Street
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.errors import EXIT_BAD_INPUT, explain
+from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.mesh_files import write_ply
-from mgf_engine.job import Job
-from mgf_engine.system import write_json
+from mgf_engine.jobs.job import Job
 from mgf_engine.town.result import read_rows
 from mgf_engine.town.run import finish
 from mgf_engine.town.share import take_scene

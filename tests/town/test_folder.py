@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 
 
 @pytest.fixture

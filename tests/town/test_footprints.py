@@ -13,10 +13,10 @@ import shapely
 from support.survey_site import CRS, ORIGIN, Site, make_site, write_gps
 
 from benchmarks.synthetic.street import write_footprints
-from mgf_engine.cli import main
-from mgf_engine.config import make_config
+from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.crs import ProjectedCrs
+from mgf_engine.options.config import make_config
 from mgf_engine.town import plan
 from mgf_engine.town.footprints import read_footprints
 from mgf_engine.town.place import place_footprints, transformed

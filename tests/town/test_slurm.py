@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.synthetic.street import PLACES, Street
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.town.slurm import cancel_jobs, check_slurm, jobs_in
 

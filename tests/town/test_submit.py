@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.system import write_json
+from mgf_engine.files.atomic import write_json
 from mgf_engine.town.workflow import Executor, OptionalProducts, snakemake_arguments, write_config
 
 #: Snakemake's command line that waits, in the place of the real one, and says how it ended.

@@ -20,7 +20,7 @@ import trimesh
 from filelock import FileLock
 
 from benchmarks.synthetic.street import PLACES, Street
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.georef.model import read_georeference
 from mgf_engine.town.worker import options_of, worth_retrying

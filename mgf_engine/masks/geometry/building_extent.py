@@ -22,7 +22,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plan import GroundPlan, GroundPlanOptions
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.overhangs import OverhangOptions, Overhangs
@@ -32,6 +31,7 @@ from mgf_engine.masks.geometry.point_visibility import PointVisibility
 from mgf_engine.masks.image_ops import disc, fill_mask_holes
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.gravity import GravityOptions, looking_down
 
 #: Maps are drawn on a photo of about this longest side.

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import disc
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.coarse_stereo import CoarseStereoOptions, match_reduced, on_aliased_texture
 from mgf_engine.scene.depths import Depths, Matching, match_photos
 from mgf_engine.scene.neighbours import MatchingPoints

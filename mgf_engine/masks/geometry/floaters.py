@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.geometry.plan_grid import PlanGrid
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.gravity import horizontal_axes, up_from_cameras
 
 

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.overhangs import Overhangs
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.image_ops import disc
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.library import call
+from mgf_engine.options.algorithms import parameter
 
 Map = NDArray[np.bool_]
 Points = NDArray[np.float64]

@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.boxes import percentile_box
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float32]
 

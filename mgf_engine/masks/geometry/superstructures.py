@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.plan_grid import PlanGrid, cells_inside
 from mgf_engine.masks.geometry.point_features import PointFeatures
 from mgf_engine.masks.image_ops import disc, fill_mask_holes
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.gravity import horizontal_axes
 
 _FEWEST = 10  # points of a building that has a ground plan

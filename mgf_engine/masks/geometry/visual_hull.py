@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.boxes import pad_box, percentile_box
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.neighbours import MatchingPoints
 
 _FEWEST = 8  # sparse points that bound the box in which the hull is looked for

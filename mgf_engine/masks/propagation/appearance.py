@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 #: Expected scatter of each feature within one material; keeps components from collapsing onto few samples.
 FEATURE_SCALE = np.array([6.0, 2.5, 2.5, 0.25, 0.25, 0.3])

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import BuildingExtent
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.map_photos import map_photos
@@ -38,6 +37,7 @@ from mgf_engine.masks.refinement.thin_structures import (
 from mgf_engine.masks.refinement.vegetation import LeafOptions, find_foreground_leaves
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
+from mgf_engine.options.config import Config
 
 T = TypeVar("T")
 

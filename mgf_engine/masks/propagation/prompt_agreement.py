@@ -14,10 +14,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt, clicked_elsewhere
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.algorithms import parameter
 
 _Click = tuple[int, int]  # view, row among its clicks on the building
 _Range = tuple[float, float]

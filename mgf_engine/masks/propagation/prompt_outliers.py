@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

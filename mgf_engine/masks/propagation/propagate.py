@@ -14,7 +14,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.config import Config
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
@@ -46,8 +45,9 @@ from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import Config
 from mgf_engine.scene.gravity import GravityOptions, find_up
-from mgf_engine.system import cores
+from mgf_engine.system.machine import cores
 
 T = TypeVar("T")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.floaters import FloaterOptions
 from mgf_engine.masks.geometry.ground_plane import GroundPlaneOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions
@@ -13,6 +12,7 @@ from mgf_engine.masks.geometry.point_visibility import PointVisibilityOptions
 from mgf_engine.masks.geometry.silhouette_consistency import SilhouetteConsistencyOptions
 from mgf_engine.masks.geometry.superstructures import SuperstructureOptions
 from mgf_engine.masks.propagation.appearance import AppearanceOptions
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

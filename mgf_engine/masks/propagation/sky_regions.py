@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.image_ops import color_distance, dilate, enlarge, erode, masked_mean
 from mgf_engine.masks.propagation.superpixels import Superpixels
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.native.library import call
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import color_distance, erode
 from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.sky_silhouette import elevation
@@ -24,6 +23,7 @@ from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography, spans_inside
 from mgf_engine.masks.image_ops import color_distance, enlarge, masked_mean
@@ -23,6 +22,7 @@ from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.patch_ncc import Patches
 from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import parallel_map
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import dilate, erode
 from mgf_engine.model.masks import BACKGROUND, IGNORE
 from mgf_engine.model.pixels import pixel_at
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 _LEAST_WEIGHT = 1e-4  # of the compared pixels in a window, below which nothing is known

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.boxes import percentile_box
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.image_ops import color_distance
 from mgf_engine.model.scene import View
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.propagation.appearance import lab_of
@@ -31,6 +30,7 @@ from mgf_engine.masks.refinement.sky_silhouette import (
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

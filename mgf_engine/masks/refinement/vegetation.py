@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.image_ops import dilate, erode
 from mgf_engine.model.masks import BACKGROUND
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

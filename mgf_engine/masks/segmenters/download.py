@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import atomic_path, put_in_place
 from mgf_engine.messages import Reporter
-from mgf_engine.system import atomic_path, put_in_place, user_cache
+from mgf_engine.system.machine import user_cache
 
 #: Apache-2.0, exported to ONNX by the labelme project.
 BASE_URL = "https://github.com/labelmeai/efficient-sam/releases/download/onnx-models-20231225"

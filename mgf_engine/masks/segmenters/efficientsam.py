@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.files.atomic import atomic_path
+from mgf_engine.files.safe_npz import read_array
 from mgf_engine.masks.segmenters.base import Hints, Points, Segment, agreement
 from mgf_engine.masks.segmenters.network import Network
 from mgf_engine.masks.segmenters.random_walker import clean
-from mgf_engine.safe_npz import read_array
-from mgf_engine.system import atomic_path
 
 #: The graph resizes to 1024 x 1024 itself; larger photos only cost memory.
 LONGEST_SIDE = 1024

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement, points_on_mask
 from mgf_engine.model.pixels import pixel_at
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

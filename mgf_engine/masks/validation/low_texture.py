@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

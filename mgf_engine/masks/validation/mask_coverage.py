@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.points import LabelMaps
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

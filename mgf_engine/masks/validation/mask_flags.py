@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_agreement
 from mgf_engine.masks.points import track_votes
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

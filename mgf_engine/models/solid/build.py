@@ -9,7 +9,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Survey
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.models.lod import deviation_of
@@ -22,6 +21,7 @@ from mgf_engine.models.solid.model import ROOF, WALL, Array, Solid
 from mgf_engine.models.solid.party_walls import PartyWallOptions, find_party_walls
 from mgf_engine.models.solid.plan_lines import wall_lines
 from mgf_engine.models.solid.polyhedron import PolyhedronOptions, make_polyhedron
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.regions import RegionOptions
 from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

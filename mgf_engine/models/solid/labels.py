@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.models.solid.cells import Cells
 from mgf_engine.models.solid.evidence import SolidEvidence
 from mgf_engine.models.solid.model import Array, signed_ring_area
+from mgf_engine.options.algorithms import parameter
 
 #: Costs of the borders between labels [E] and labels [E].
 Border = Callable[[NDArray[np.int64], NDArray[np.int64]], Array]

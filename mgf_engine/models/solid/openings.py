@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.parts import PartOutlineOptions, part_shapes, part_shares
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid, round_resolution
 from mgf_engine.models.solid.checks import faults_of
 from mgf_engine.models.solid.model import DOOR, WALL, WINDOW, Solid, SolidFace
+from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 KINDS = {"window": WINDOW, "door": DOOR}

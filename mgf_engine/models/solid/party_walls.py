@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.geometry.clean import open_edges
 from mgf_engine.models.solid.plan_lines import Line2
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

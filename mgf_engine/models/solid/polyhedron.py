@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.algorithms import parameter
 from mgf_engine.models.solid.cells import Cells
 from mgf_engine.models.solid.face_loops import (
     Ring,
@@ -25,6 +24,7 @@ from mgf_engine.models.solid.face_loops import (
 )
 from mgf_engine.models.solid.model import GROUND, ROOF, WALL, Array, Solid, SolidFace
 from mgf_engine.models.solid.plan_lines import Line2
+from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)

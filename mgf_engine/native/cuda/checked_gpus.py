@@ -13,10 +13,10 @@ import time
 from pathlib import Path
 
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import write_json
 from mgf_engine.native.cuda.driver import driver
 from mgf_engine.native.cuda.gpu import Gpu, cache_folder
 from mgf_engine.native.cuda.sources import digest
-from mgf_engine.system import write_json
 
 
 def record_file() -> Path:

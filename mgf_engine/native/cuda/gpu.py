@@ -16,11 +16,12 @@ import torch
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.native.cuda import compiler
 from mgf_engine.native.cuda.driver import Driver, driver
 from mgf_engine.native.cuda.launcher import THREADS, Grid, pack
 from mgf_engine.native.cuda.sources import digest, program_of
-from mgf_engine.system import atomic_path, user_cache
+from mgf_engine.system.machine import user_cache
 
 _OLDEST = 75  # compute capability 7.5: match_any, and what today's compilers still know
 

@@ -6,7 +6,6 @@ import pytest
 from support.wall import make_wall
 
 from benchmarks.synthetic.house import OFFSET, House
-from mgf_engine.config import make_config
 from mgf_engine.errors import Cancelled
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.prompts import read_prompts
@@ -15,6 +14,7 @@ from mgf_engine.masks.propagation.propagate import propagate
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.validation import keep_points
 from tests.masks.conftest import quiet
 

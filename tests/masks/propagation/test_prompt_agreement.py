@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.house import OFFSET, House
-from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.prompt_agreement import drop_confirmed
 from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import make_config
 
 CONFIG = make_config({"segmenter": "random_walker", "device": "cpu", "second_level": "off"})
 

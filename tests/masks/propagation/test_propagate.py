@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.house import OFFSET, House
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks import build
 from mgf_engine.masks.build import build_masks
@@ -23,6 +22,7 @@ from mgf_engine.masks.store import read_masks
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import make_config
 from tests.masks.conftest import quiet
 
 CONFIG = make_config({"segmenter": "random_walker", "device": "cpu", "second_level": "off"})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.house import House
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.masks import preview
 from mgf_engine.masks.prompts import Clicks
 from mgf_engine.masks.propagation.stable_masks import enforce_clicks, first_clicks, merge_masks, set_clicked_pixels

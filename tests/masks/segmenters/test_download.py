@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.cli import main
+from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.download import WeightFile, download_weights, find_weights

@@ -13,7 +13,6 @@ from support.segmenters import hints, install, iou
 from support.small_sam import write_pair
 
 from benchmarks.synthetic.house import House
-from mgf_engine.config import make_config
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks, choose_segmenter
 from mgf_engine.masks.elements import sam_elements
@@ -24,6 +23,7 @@ from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import make_config
 
 RED, GREEN = (200, 60, 50), (60, 150, 70)
 

@@ -10,9 +10,9 @@ import pytest
 from benchmarks.perturb import perturb
 from benchmarks.synthetic.colmap_scene import Messages
 from benchmarks.synthetic.house_scene import house_scene
-from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.validation.low_texture import LowTextureOptions, low_texture_share
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.load import load_scene
 
 

@@ -14,12 +14,12 @@ import pytest
 from benchmarks.perturb import perturb
 from benchmarks.synthetic.colmap_scene import Messages
 from benchmarks.synthetic.house_scene import house_scene
-from mgf_engine.config import make_config
 from mgf_engine.masks.build import build_masks
 from mgf_engine.masks.user_masks import read_user_masks
 from mgf_engine.masks.validation.mask_coverage import MaskCoverage, describe_misfits, mark_ignored, measure_coverage
 from mgf_engine.model.masks import IGNORE, building
 from mgf_engine.model.scene import Scene
+from mgf_engine.options.config import make_config
 from mgf_engine.scene.load import load_scene
 
 

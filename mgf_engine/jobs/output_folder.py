@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Write a folder of deliverables of a finished job atomically: it replaces the earlier one when it is complete."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mgf_engine.errors import BadInput
+from mgf_engine.messages import Reporter
+from mgf_engine.options.config import Config
+from mgf_engine.system.machine import cpu_seconds, peak_memory
+
+
+@dataclass
+class Cost:
+    """CPU seconds of each deliverable, and the process's largest memory in bytes after it."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    memory: dict[str, int] = field(default_factory=dict)
+
+    @contextmanager
+    def of(self, name: str) -> Iterator[None]:
+        """Count what happens meanwhile."""
+        begun = cpu_seconds()
+        yield
+        self.seconds[name] = round(self.seconds.get(name, 0.0) + cpu_seconds() - begun, 2)
+        self.memory[name] = peak_memory()
+
+
+@dataclass(kw_only=True)
+class Deliverables:
+    """What the parts of a run share that makes files of a finished job.
+
+    Attributes:
+        config: options of the algorithms.
+        folder: where files go.
+        reporter: for progress, warnings and the request to cancel.
+        cost: of each deliverable.
+        files: name -> what is known about it, for the folder's index.
+    """
+
+    config: Config
+    folder: Path
+    reporter: Reporter
+    cost: Cost
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def add(self, name: str, **facts: Any) -> Path:
+        """Return the path of a file to write, on record with what is known about it."""
+        self.files[name] = facts
+        return self.folder / name
+
+    def send(self, folder: Path, **figures: int) -> None:
+        """Send the files, which are in their folder now, and figures as the result of the command."""
+        files = {name: str(folder / name) for name in self.files}
+        seconds = sum(self.cost.seconds.values())
+        shown = {**figures, "CPU seconds": round(seconds, 1) if seconds < 10 else round(seconds)}
+        self.reporter.send("result", path=str(folder), files=files, figures=shown)
+
+
+def check_place(folder: Path, index: str, what: str) -> None:
+    """Refuse a folder that holds anything else than an earlier run.
+
+    Args:
+        index: name of the file that an earlier run left there; what: what such a folder holds, in one word.
+
+    Raises:
+        BadInput: it is a file, or holds other files.
+    """
+    if folder.is_file():
+        raise BadInput(f"The output '{folder}' is a file; give a folder.")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / index).is_file():
+        raise BadInput(f"The folder '{folder}' is not empty and holds no {what}; give an empty or new folder.")
+
+
+def tell_of_earlier(folder: Path, index: str, reporter: Reporter) -> None:
+    """Warn before a run of which only a part was asked for that it replaces everything an earlier run made.
+
+    Args:
+        folder: of both runs; index: name of the file that the earlier run left there.
+        reporter: takes the warning.
+    """
+    if (folder / index).is_file():
+        count = sum(1 for _ in folder.iterdir())
+        reporter.warning(
+            f"This run takes the place of the earlier one in '{folder}' ({count} files); stop it and give --out to "
+            "keep them."
+        )
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """Return a folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise.
+
+    Raises:
+        BadInput: nothing can be written there.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=f".part-{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise BadInput(f"Cannot write to '{folder.parent}' ({error.strerror}); give --out another folder.") from error
+    try:
+        yield beside
+        if folder.exists():
+            shutil.rmtree(folder)
+        beside.chmod(0o755)
+        beside.rename(folder)
+    except BaseException:
+        shutil.rmtree(beside, ignore_errors=True)
+        raise

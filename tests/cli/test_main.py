@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command line as people and scripts meet it: exit codes, one sentence, nothing half written."""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mgf_engine.cli import main as cli
+from mgf_engine.cli.main import main
+from tests.support.command_line import mgf
+from tests.support.jobs import write_photo_folder
+
+
+def failed_sentence(run: subprocess.CompletedProcess) -> str:
+    """The text of the one ``failed`` message of a run with ``--progress json``."""
+    messages = [json.loads(line) for line in run.stdout.splitlines()]
+    failed = [m for m in messages if m["type"] == "failed"]
+    assert len(failed) == 1
+    assert "Traceback" not in run.stderr
+    return failed[0]["text"]
+
+
+def test_libraries_are_told_to_keep_to_one_thread_before_they_are_loaded() -> None:
+    """Spinning threads of theirs took the cores from ours: the masks of the demo cost twice the CPU time."""
+    program = (
+        "import os, sys; from mgf_engine.cli import main as cli; "
+        "assert not {'numpy', 'torch', 'scipy'} & set(sys.modules); cli.main(['options']); "
+        "print({n: os.environ[n] for n in cli.ENVIRONMENT} == cli.ENVIRONMENT)"
+    )
+    bare = {name: value for name, value in os.environ.items() if name not in cli.ENVIRONMENT}
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, env=bare)
+    assert run.stdout.endswith("True\n"), run.stderr
+
+
+@pytest.mark.parametrize("args", [["--version"], ["--help"], ["reconstruct", "--help"], ["recontruct"], ["clean"]])
+def test_help_and_slips_are_answered_without_loading_libraries(args: list[str]) -> None:
+    """They take seconds to load, which is long for whoever asks for help or has mistyped a word."""
+    program = (
+        f"import sys; from mgf_engine.cli import main as cli\ntry:\n cli.main({args})\nexcept SystemExit:\n"
+        " print(sorted({'numpy', 'scipy', 'torch', 'trimesh'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert run.stdout.endswith("[]\n"), run.stdout[-200:] + run.stderr
+
+
+@pytest.mark.parametrize(
+    ("make", "args", "part"),
+    [
+        (None, ["{}/none"], "does not exist"),
+        (None, [], "Give the scene"),
+        ("empty", ["{}/empty"], "photo"),
+        ("empty", ["{}/empty", "--set", "iterations=-1"], "at least 0"),
+        ("empty", ["{}/empty", "--set", "nonsense"], "NAME=VALUE"),
+        ("empty", ["{}/empty", "--preset", "fast"], "one of quick, draft, standard, fine"),
+        ("empty", ["{}/empty", "--config", "{}/missing.json"], "Cannot read the config"),
+        ("empty", ["{}/empty", "--prompts", "{}/missing.json"], "does not exist"),
+        ("empty", ["{}/empty", "--masks", "{}/missing"], "does not exist"),
+        ("empty", ["{}/empty", "--crop-box", "-1 2 3"], "crop box has 3 numbers"),
+        ("empty", ["{}/" + 300 * "a"], "File name too long"),
+        ("empty", ["{}/empty", "--masks", __file__], "is a file; give a folder"),
+        ("empty", ["{}/empty", "--prompts", "{}/empty"], "is a folder; give a file"),
+    ],
+)
+def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args, part) -> None:
+    if make:
+        (tmp_path / make).mkdir()
+    filled = [a.format(tmp_path) for a in args]
+    run = mgf("reconstruct", *filled, "--out", tmp_path / "job", "--progress", "json")
+    assert run.returncode == 2
+    assert part in failed_sentence(run)
+    assert not (tmp_path / "job").exists()
+
+
+def test_a_folder_that_was_there_before_is_left_with_its_log(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "job").mkdir()
+    assert mgf("scene", tmp_path / "photos", "--out", tmp_path / "job").returncode == 2
+    assert (tmp_path / "job" / "log.txt").is_file()
+
+
+@pytest.mark.parametrize("style", ["none", "plain", "auto"])
+def test_what_is_wrong_is_said_however_little_progress_is_shown(tmp_path: Path, style: str) -> None:
+    run = mgf("reconstruct", tmp_path / "nowhere", "--out", tmp_path / "job", "--progress", style)
+    assert run.returncode == 2 and not run.stdout
+    assert run.stderr.startswith("Error: ") and "does not exist" in run.stderr and run.stderr.count("\n") == 1
+
+
+def test_a_folder_in_place_of_the_log_is_named(tmp_path: Path, capsys) -> None:
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "job").mkdir()
+    args = ["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job"), "--progress", "plain"]
+    assert main(args) == 2  # no photos
+    (tmp_path / "job" / "log.txt").unlink()
+    (tmp_path / "job" / "log.txt").mkdir()
+    assert main(args) == 2
+    assert "log.txt' (Is a directory)" in capsys.readouterr().err
+
+
+def test_an_option_value_of_an_earlier_version_is_warned_of(tmp_path: Path, capsys) -> None:
+    (tmp_path / "photos").mkdir()
+    args = ["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job"), "--progress", "plain"]
+    assert main([*args, "--segmenter", "grabcut"]) == 2  # no photos
+    said = capsys.readouterr()
+    assert "grabcut has been renamed to segmenter=random_walker" in said.out + said.err
+
+
+def test_terminals_without_unicode_get_escapes(tmp_path: Path) -> None:
+    narrow = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    run = mgf("scene", tmp_path / "mühle", "--out", tmp_path / "job", "--progress", "json", env=narrow)
+    assert run.returncode == 2
+    assert "mühle" in failed_sentence(run)
+    run = mgf("bench", "smoke", "--page-only", "--out", tmp_path / "mühle", env=narrow)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "m\\xfchle" in run.stdout
+
+
+@pytest.mark.skipif(os.name == "nt", reason="paths of Windows have one encoding")
+def test_an_encoding_that_lacks_letters_of_a_path_is_named(tmp_path: Path) -> None:
+    source = write_photo_folder(tmp_path / "Häuser")
+    narrow = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    (tmp_path / "config.json").write_text(json.dumps({"control": str(source / "points.csv")}), encoding="utf-8")
+    run = mgf("scene", source, "--out", tmp_path / "job", "--config", tmp_path / "config.json", env=narrow)
+    assert run.returncode == 2 and "PYTHONUTF8=1" in run.stderr and "Traceback" not in run.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows keeps the folder that a program is in")
+@pytest.mark.parametrize("arguments", ["scene photos --out job", "bench smoke"])
+def test_a_current_folder_that_is_gone_is_said(tmp_path: Path, arguments: str) -> None:
+    (tmp_path / "gone").mkdir()
+    command = f"rmdir ../gone; '{sys.executable}' -m mgf_engine {arguments}"
+    environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}
+    run = subprocess.run(["sh", "-c", command], cwd=tmp_path / "gone", env=environment, capture_output=True, text=True)
+    assert (run.returncode, run.stderr.splitlines()[-1]) == (2, "Error: The current folder is gone; go to another one.")
+
+
+def test_a_kernel_variant_that_cannot_run_is_refused_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    args = ("scene", tmp_path / "photos", "--out", tmp_path / "job", "--progress", "json")
+    run = mgf(*args, env={**os.environ, "MGF_KERNEL_VARIANT": "z80"})
+    assert run.returncode == 2
+    assert "Kernel variant 'z80'" in failed_sentence(run)
+
+
+def test_a_file_for_a_job_folder_is_called_a_file(tmp_path: Path, capsys) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert main(["mesh", "--out", str(tmp_path / "file"), "--progress", "plain"]) == 2
+    assert "is a file; give a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["reconstruct", "", "--out", "job"], ["town", "scene", "--out", ""], ["models", "job", "--out", ""],
+     *([command, ""] for command in ("clean", "drawings", "evaluate", "georef", "models", "suggest-clicks"))],
+)  # fmt: skip
+def test_an_empty_path_is_not_this_folder(arguments: list[str], capsys) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    assert "empty; give a path" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "part"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), 2, "The disk is full"),
+        (OSError(errno.ENOSPC, "No space left on device", "/far/off/mesh.ply"), 2, "The disk of '/far/off' is full"),
+        (PermissionError(errno.EACCES, "Permission denied", "x"), 2, "No permission for 'x'"),
+        (MemoryError(), 2, "Out of memory"),
+        (KeyboardInterrupt(), 3, "Cancelled"),
+        (ZeroDivisionError("oops"), 1, "Unexpected error: ZeroDivisionError: oops"),
+    ],
+)
+def test_commands_without_a_job_end_in_a_sentence_too(monkeypatch, capsys, error, code, part) -> None:
+    def fail(args: object) -> int:
+        raise error
+
+    monkeypatch.setattr(cli, "_doctor_command", fail)
+    assert main(["doctor"]) == code
+    said = capsys.readouterr().err
+    assert part in said.splitlines()[-1] and "--resume" not in said
+    assert ("Traceback" in said) == (code == 1)
+
+
+def test_an_installed_package_runs_the_benchmarks_of_the_checkout_that_one_is_in(tmp_path, monkeypatch, capsys) -> None:
+    """As in the tutorial: pip install, then 'mgf bench scenes demo' in the checkout."""
+    monkeypatch.setattr(cli, "__file__", str(tmp_path / "site-packages" / "mgf_engine" / "cli" / "main.py"))
+    monkeypatch.chdir(tmp_path)
+    assert main(["bench", "scenes", "--help"]) == 2
+    assert "run 'mgf bench' from a checkout" in capsys.readouterr().err
+    monkeypatch.chdir(Path(__file__).parents[2])
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "scenes", "--help"])
+    assert ended.value.code == 0 and "townhall40" in capsys.readouterr().out
+
+
+def test_a_reader_that_closes_the_pipe_is_no_fault() -> None:
+    command = f"{sys.executable} -m mgf_engine options --json | head -c 1"
+    run = subprocess.run(["sh", "-c", command], capture_output=True, text=True, timeout=120)
+    assert (run.stdout, run.stderr) == ("{", "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")
+def test_a_job_whose_progress_nobody_reads_is_not_done(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    command = f"{{ '{sys.executable}' -m mgf_engine scene photos --out job --progress json; echo $? > code; }} | true"
+    run = subprocess.run(["sh", "-c", command], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert ((tmp_path / "code").read_text(), run.stderr) == ("3\n", "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a shell of Unix")
+@pytest.mark.parametrize("arguments", ["options", "scene nowhere --out job --progress json"])
+def test_closed_streams_are_no_fault(tmp_path: Path, arguments: str) -> None:
+    command = f"exec 1>&- 2>&-; '{sys.executable}' -m mgf_engine {arguments}"
+    run = subprocess.run(["sh", "-c", command], cwd=tmp_path, timeout=120)
+    assert run.returncode == (0 if arguments == "options" else 2)
+
+
+def test_options_are_data_for_other_programs() -> None:
+    schema = json.loads(mgf("options", "--json").stdout)
+    assert {o["name"] for o in schema["options"]} >= {"preset", "iterations", "use_masks"}

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A folder of results is made beside the old one and takes its place whole, or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mgf_engine.errors import BadInput
+from mgf_engine.jobs.output_folder import Cost, Deliverables, check_place, new_folder, tell_of_earlier
+from mgf_engine.messages import Message, Reporter
+from mgf_engine.options.config import make_config
+
+
+def test_a_whole_folder_replaces_the_old_one(tmp_path: Path) -> None:
+    out = tmp_path / "drawings"
+    out.mkdir()
+    (out / "old.txt").touch()
+    with new_folder(out) as beside:
+        (beside / "new.txt").touch()
+        assert (out / "old.txt").exists()
+    assert [p.name for p in out.iterdir()] == ["new.txt"] and list(tmp_path.iterdir()) == [out]
+
+
+def test_a_failure_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> None:
+    out = tmp_path / "drawings"
+    out.mkdir()
+    (out / "old.txt").touch()
+    with pytest.raises(ZeroDivisionError), new_folder(out):
+        raise ZeroDivisionError
+    assert [p.name for p in out.iterdir()] == ["old.txt"] and list(tmp_path.iterdir()) == [out]
+
+
+def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").touch()
+    with pytest.raises(BadInput, match="holds no drawings"):
+        check_place(tmp_path, "drawings.json", "drawings")
+    with pytest.raises(BadInput, match="is a file"):
+        check_place(tmp_path / "thesis.txt", "drawings.json", "drawings")
+    (tmp_path / "drawings.json").touch()
+    check_place(tmp_path, "drawings.json", "drawings")
+    check_place(tmp_path / "new", "drawings.json", "drawings")
+
+
+def test_a_part_is_said_to_take_the_place_of_everything_before(tmp_path: Path) -> None:
+    said: list[Message] = []
+    tell_of_earlier(tmp_path, "drawings.json", Reporter(said.append))
+    assert not said
+    for name in ("drawings.json", "plan.svg"):
+        (tmp_path / name).touch()
+    tell_of_earlier(tmp_path, "drawings.json", Reporter(said.append))
+    assert "(2 files); stop it and give --out" in said[0]["text"]
+
+
+def test_files_are_on_record_and_the_result_names_them(tmp_path: Path) -> None:
+    said: list[Message] = []
+    cost = Cost({"reading": 1.2, "lines": 2.9})
+    work = Deliverables(config=make_config(), folder=tmp_path / ".part", reporter=Reporter(said.append), cost=cost)
+    assert work.add("plan.svg", kind="plan") == tmp_path / ".part" / "plan.svg"
+    work.send(tmp_path, facades=4)
+    (message,) = said
+    assert message["type"] == "result" and message["files"] == {"plan.svg": str(tmp_path / "plan.svg")}
+    assert message["figures"] == {"facades": 4, "CPU seconds": 4.1} and work.files == {"plan.svg": {"kind": "plan"}}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "shown"), [(0.04, "0.0"), (0.31, "0.3"), (9.94, "9.9"), (10.4, "10"), (75.6, "76")]
+)
+def test_short_runs_have_a_decimal(tmp_path: Path, seconds: float, shown: str) -> None:
+    said: list[Message] = []
+    cost = Cost({"lines": seconds})
+    Deliverables(config=make_config(), folder=tmp_path, reporter=Reporter(said.append), cost=cost).send(tmp_path)
+    assert str(said[0]["figures"]["CPU seconds"]) == shown
