@@ -15,7 +15,8 @@ import pytest
 
 from mgf_engine.native.library import set_threads
 from mgf_engine.native.parallel import parallel_map
-from mgf_engine.system import memory, total_memory
+from mgf_engine.system import memory
+from mgf_engine.system.machine import total_memory
 from mgf_engine.system.memory import (
     GB,
     MemoryMonitor,
