@@ -6,6 +6,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,6 +30,22 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise UserError(cannot_write(path, error)) from error
+
+
+def open_file(path: Path) -> None:
+    """Open a file or folder in the program that the system has for it.
+
+    Raises:
+        UserError: there is none, or it did not start.
+    """
+    try:  # not by Blender's own operator, which says nothing when it fails
+        if sys.platform == "win32":
+            os.startfile(path)
+        else:
+            program = "open" if sys.platform == "darwin" else "xdg-open"
+            subprocess.run([program, str(path)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise UserError("No program of the system opens '{path}'; open it yourself.", path=path) from error
 
 
 def cannot_write(path: Path, error: Exception) -> str:

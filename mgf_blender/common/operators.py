@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
-from .errors import sentence
+from .errors import UserError, sentence
 from .text import CONTEXT, in_our_words
 
 
@@ -46,3 +48,13 @@ class FileOperator(Operator):
         """Open the file browser; confirming there runs the operator."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
+
+    def chosen_file(self) -> Path:
+        """Return the file that was chosen.
+
+        Raises:
+            UserError: a script gave none.
+        """
+        if not self.filepath:
+            raise UserError("No file was chosen; choose one.")
+        return Path(bpy.path.abspath(self.filepath))

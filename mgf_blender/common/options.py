@@ -25,7 +25,8 @@ COSTS: dict[str, Any] = SCHEMA["costs"]
 PRESET_HELP: dict[str, str] = SCHEMA["preset_help"]
 RUN_LENGTH: dict[str, int] = SCHEMA["run_length"]
 _CAPITALS = {"3d", "sh", "psnr", "ssim", "lpips", "l1", "obj", "glb", "cpu", "cuda", "gps", "crs"}
-_SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM"}
+_SPELLED = {**{word: word.upper() for word in _CAPITALS}, "efficientsam": "EfficientSAM",
+            "lambda": "λ", "seconds": "(s)"}  # fmt: skip  # what is left has room in a sidebar
 _SWITCH = {"true": True, "on": True, "yes": True, "1": True, "false": False, "off": False, "no": False, "0": False}
 _SMALL = {"of", "the", "to", "in", "on", "by", "and", "a"}
 
@@ -89,6 +90,12 @@ def reset(options: bpy.types.PropertyGroup, but: Iterable[str] = ()) -> None:
     """Set the options back to those of the chosen preset, all ``but`` some."""
     for name in set(OPTIONS) - {"preset", *but}:
         setattr(options, name, default_of(name, options.preset))
+
+
+def replace(options: bpy.types.PropertyGroup, given: dict[str, Any]) -> None:
+    """Take over values, see :func:`set_values`, and set all others back to those of the preset."""
+    set_values(options, given)
+    reset(options, but=given)
 
 
 def _parsed(option: dict[str, Any], value: Any) -> Any:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import bpy
 
@@ -80,6 +80,14 @@ def draw_value(layout: bpy.types.UILayout, name: str, value: str, name_share: fl
         split = layout.split(factor=name_share)
         split.label(text="" if i else name, translate=False)
         split.label(text=line, translate=False)
+
+
+def widest(texts: Iterable[str]) -> str:
+    """Return the first of texts, the longest before the others, that has room on one line of the panel that is being
+    drawn; the last where none has."""
+    fits = _fits_here()
+    *longer, last = texts
+    return next((text for text in longer if fits(text)), last)
 
 
 def _fits_here(share: float = 1.0, icon: bool = True) -> Callable[[str], bool]:

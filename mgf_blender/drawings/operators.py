@@ -9,15 +9,16 @@ from ..common.editors import show_image
 from ..common.errors import UserError
 from ..common.job import Job
 from ..common.operators import Operator
+from ..common.selection import select_only, selected_objects
 from ..engine.environment import engine_command
 from ..properties import scene_key
 from ..reconstruct.operators import FinishedJobOperator, submit
-from ..reconstruct.start import ended, job_folder
+from ..reconstruct.start import ended, has_job_file, job_folder
 from ..results.load import job_name
 from ..scene_import.cameras import IMAGE_KEY
-from ..scene_import.operators import SceneOperator, select_only
+from ..scene_import.operators import SceneOperator
 from ..scene_import.tree import Tree
-from .index import read_index
+from .index import FOLDER, read_index
 from .sections import ROLE_KEY, THEIRS, add_section, find_sections, may_be_section, remove_section, section_texts
 
 
@@ -91,11 +92,11 @@ class MGF_OT_use_as_section(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        chosen = [o for o in context.selected_objects if may_be_section(o)]
+        chosen = [o for o in selected_objects(context) if may_be_section(o)]
         return cls.needs(chosen, "Select a plane or an empty of your own first")
 
     def run(self, context: bpy.types.Context) -> None:
-        for obj in context.selected_objects:
+        for obj in selected_objects(context):
             if may_be_section(obj):
                 obj[ROLE_KEY] = THEIRS
 
@@ -141,6 +142,10 @@ class MGF_OT_show_drawing(Operator):
     bl_label = "Show Drawing"
 
     name: bpy.props.StringProperty(name="File", description="File of the drawing", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return cls.needs(has_job_file(context.scene, FOLDER), "Make the drawings first")
 
     def run(self, context: bpy.types.Context) -> None:
         show_image(context, load_drawing(job_folder(context.scene), self.name))

@@ -11,6 +11,7 @@ import bpy
 from ..common import runner
 from ..common.addon import preferences, user_folder
 from ..common.errors import UserError
+from ..common.files import open_file
 from ..common.operators import Operator
 from ..common.runner import redraw
 from ..common.text import N_, tr
@@ -208,7 +209,7 @@ class MGF_OT_open_engine_log(Operator):
         return cls.needs(log_path().is_file(), "Nothing was installed or checked yet")
 
     def run(self, context: bpy.types.Context) -> None:
-        bpy.ops.wm.path_open(filepath=str(log_path()))
+        open_file(log_path())
 
 
 def _weights(flag: str) -> list[str]:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators of the Georeference panels."""
 
-from pathlib import Path
-
 import bpy
 
 from ..common.errors import UserError
@@ -11,7 +9,7 @@ from ..common.text import tr
 from ..prompts.operators import choose_photo, open_photo
 from ..prompts.properties import active_photo
 from ..reconstruct.operators import FinishedJobOperator, submit
-from ..reconstruct.start import job_folder
+from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.operators import SceneOperator, frame_tree
 from ..scene_import.tree import Tree
@@ -53,7 +51,7 @@ class MGF_OT_take_control_points(Operator):
         chosen = active_point(context.scene)
         name = chosen.name if chosen is not None else ""
         state.points.clear()
-        for known in files.read_places(job_folder(context.scene)).values():
+        for known in _known_points(context.scene).values():
             point = state.points.add()
             point.name, point.role = known.name, known.role
         state.index = max(0, state.points.find(name))
@@ -66,6 +64,11 @@ class MGF_OT_place_scene(SceneOperator):
     bl_idname = "mgf.place_scene"
     bl_label = "Place in True Coordinates"
     bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        known = has_job_file(context.scene, "georef.json")
+        return super().poll(context) and cls.needs(known, "Press Georeference Job first")
 
     def run(self, context: bpy.types.Context) -> None:
         found = files.read_placement(job_folder(context.scene))
@@ -111,7 +114,7 @@ class MGF_OT_next_marked_photo(Operator):
     def run(self, context: bpy.types.Context) -> None:
         scene, point = context.scene, active_point(context.scene).name
         cameras = {o[PHOTO_KEY]: o for o in Tree.find(scene).objects("Cameras") if PHOTO_KEY in o}
-        known = files.read_places(job_folder(scene)).get(point)
+        known = _known_points(scene).get(point)
         wanted = set(known.photos if known is not None else ()) | {
             m.photo for m in scene.mgf.georef.marks if m.point == point
         }
@@ -165,7 +168,7 @@ class MGF_OT_export_marks(FileOperator):
         return cls.needs(len(context.scene.mgf.georef.marks), "There are no marks yet")
 
     def run(self, context: bpy.types.Context) -> None:
-        path = Path(bpy.path.abspath(self.filepath))
+        path = self.chosen_file()
         files.write_marks(context.scene, path if path.suffix else path.with_suffix(".csv"))
 
 
@@ -180,8 +183,13 @@ class MGF_OT_import_marks(FileOperator):
     filter_glob: bpy.props.StringProperty(default="*.csv", options={"HIDDEN"})
 
     def run(self, context: bpy.types.Context) -> None:
-        count = files.read_marks(context.scene, Path(bpy.path.abspath(self.filepath)))
+        count = files.read_marks(context.scene, self.chosen_file())
         self.report({"INFO"}, tr("{count} marks read", count=count))
+
+
+def _known_points(scene: bpy.types.Scene) -> dict[str, files.Known]:
+    """Return the control points as the engine read them; none where the scene has no job."""
+    return files.read_places(job_folder(scene)) if has_job_file(scene) else {}
 
 
 CLASSES = (

@@ -6,6 +6,7 @@ import bpy
 from ..common.errors import UserError
 from ..common.job import Job
 from ..common.operators import Operator
+from ..common.selection import select_only
 from ..common.text import tr
 from ..common.views import draw_texture
 from ..engine.environment import engine_command
@@ -13,7 +14,6 @@ from ..properties import scene_key
 from ..reconstruct.operators import FinishedJobOperator, submit
 from ..reconstruct.start import ended, has_job_file, job_folder
 from ..results.load import job_name
-from ..scene_import.operators import select_only
 from ..scene_import.tree import Tree
 from .index import FILE, FOLDER, read_levels
 from .lods import import_levels, levels_of, show_level

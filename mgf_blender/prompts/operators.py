@@ -2,7 +2,6 @@
 """Operators of the Prompts panel: go through the photos, files, and the mask preview."""
 
 import time
-from pathlib import Path
 
 import bpy
 
@@ -130,7 +129,7 @@ class MGF_OT_import_prompts(FileOperator):
 
     def run(self, context: bpy.types.Context) -> None:
         scene = context.scene
-        found = files.read(Path(bpy.path.abspath(self.filepath)))
+        found = files.read(self.chosen_file())
         add_missing(scene, list(found))
         unknown = files.replace_clicks(scene, found)
         if unknown and len(unknown) == len(found):
@@ -158,7 +157,7 @@ class MGF_OT_export_prompts(FileOperator):
         return cls.needs(any(len(p.clicks) for p in context.scene.mgf.photos), "There are no points yet")
 
     def run(self, context: bpy.types.Context) -> None:
-        path = Path(bpy.path.abspath(self.filepath))
+        path = self.chosen_file()
         files.write(context.scene, path if path.suffix else path.with_suffix(".json"))
 
 

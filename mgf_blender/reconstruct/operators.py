@@ -9,6 +9,7 @@ import bpy
 from ..common import options, runner
 from ..common.editors import show_image
 from ..common.errors import UserError
+from ..common.files import open_file
 from ..common.job import DONE, STAGES, Job
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
@@ -97,12 +98,15 @@ class MGF_OT_resume(JobOperator):
 
     def run(self, context: bpy.types.Context) -> set[str]:
         given, values = given_options(job_folder(context.scene)), context.scene.mgf.options
+        before, last = {"preset": values.preset, **options.changed(values)}, last_job(context.scene)
+        kind = last.kind if last is not None and last.status != DONE else "reconstruct"
         if given:
-            options.set_values(values, given)
-            options.reset(values, but=given)
-        before = last_job(context.scene)
-        kind = before.kind if before is not None and before.status != DONE else "reconstruct"
-        return submit(self, make_job(context.scene, kind))
+            options.replace(values, given)
+        try:
+            return submit(self, make_job(context.scene, kind))
+        except UserError:  # nothing was started
+            options.replace(values, before)
+            raise
 
 
 class MGF_OT_cancel_job(Operator):
@@ -208,7 +212,7 @@ class MGF_OT_open_job_file(Operator):
         path = (Path(self.directory) if self.directory else job_folder(context.scene)) / self.name
         if not path.exists():
             raise UserError("The job has no {name} yet.", name=self.name)
-        bpy.ops.wm.path_open(filepath=str(path))
+        open_file(path)
 
 
 class MGF_OT_reset_options(Operator):

@@ -9,7 +9,7 @@ from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
 from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
-from ..common.text import CONTEXT, N_, draw_sentence, tr
+from ..common.text import CONTEXT, N_, draw_sentence, tr, widest
 from ..engine.status_label import draw_engine_missing
 from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_message
 from .estimate import estimate, format_duration, photos_of
@@ -203,7 +203,8 @@ def _headline(job: Job) -> str:
     stage, left = tr(part or {**options.STAGES, **_TOOLS}.get(job.stage, job.stage)), format_duration(job.seconds_left)
     if not left:
         return tr("{stage}, {share:.0%}", stage=stage, share=job.overall)
-    return tr("{stage}, {share:.0%}, {time} left", stage=stage, share=job.overall, time=left)
+    texts = (N_("{stage}, {share:.0%}, {time} left"), N_("{stage}, {time} left"), N_("{share:.0%}, {time} left"))
+    return widest(tr(text, stage=stage, share=job.overall, time=left) for text in texts)
 
 
 def _outcome(job: Job) -> str:

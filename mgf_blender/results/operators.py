@@ -10,11 +10,12 @@ import bpy
 from ..common.errors import UserError
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
+from ..common.selection import select_only
 from ..common.text import tr
 from ..common.views import draw_texture, enter_camera, follow_paint
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
-from ..scene_import.operators import frame_object, select_only
+from ..scene_import.operators import frame_object
 from ..scene_import.tree import Tree, hide
 from . import async_import, surface, view_mode
 from .field import import_field
@@ -47,6 +48,8 @@ class MGF_OT_import_result(FileOperator):
         return super().invoke(context, event)
 
     def _folder(self, scene: bpy.types.Scene) -> Path:
+        if not self.directory and not scene.mgf.job_folder:
+            raise UserError("No job was chosen; choose the folder of a finished job.")
         return Path(bpy.path.abspath(self.directory)) if self.directory else job_folder(scene)
 
     def run(self, context: bpy.types.Context) -> set[str] | None:
@@ -168,7 +171,7 @@ class MGF_OT_export_field(_NeedsJob, FileOperator):
         delivery = read_delivery(job_folder(context.scene))
         if delivery.field is None:
             raise UserError("The job has no field; run the job again.")
-        path = Path(bpy.path.abspath(self.filepath)).with_suffix(".ply")
+        path = self.chosen_file().with_suffix(".ply")
         replace_file(path, lambda temporary: shutil.copyfile(delivery.field, temporary))
         self.report({"INFO"}, tr("Saved {path}", path=path))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
+from ..common.selection import active_object, select_only
 from ..common.text import tr
 from ..common.views import enter_camera, frame_scene, side_of_cameras
 from ..prompts.roots import choose_roots
@@ -94,7 +95,8 @@ class MGF_OT_look_through(SceneOperator):
     def run(self, context: bpy.types.Context) -> None:
         tree = Tree.find(context.scene)
         cameras = sorted(tree.cameras(), key=lambda o: o.get(PHOTO_KEY, ""))
-        chosen = context.object if self.step == 0 and context.object in cameras else context.scene.camera
+        active = active_object(context)
+        chosen = active if self.step == 0 and active in cameras else context.scene.camera
         at = cameras.index(chosen) if chosen in cameras else 0
         camera = cameras[(at + self.step) % len(cameras)]
         context.scene.camera = camera
@@ -236,16 +238,6 @@ def frame_object(context: bpy.types.Context, obj: bpy.types.Object, tree: Tree) 
     middle = (low + high) / 2
     side = side_of_cameras(middle, _centres(tree))
     frame_scene(context, middle, float(np.linalg.norm(high - low)) / 2, paints_texture(tree), side)
-
-
-def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Make an object the only selected and the active one, where the view layer shows it."""
-    for other in context.selected_objects:
-        other.select_set(False)
-    if obj.name in context.view_layer.objects:
-        obj.hide_set(False)
-        obj.select_set(True)
-        context.view_layer.objects.active = obj
 
 
 def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:

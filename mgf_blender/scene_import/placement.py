@@ -6,6 +6,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..common.errors import UserError
+from ..common.selection import active_object, selected_objects
 from ..common.text import N_, tr
 from ..common.views import scale_views
 from .cameras import HELD_KEY, set_clipping
@@ -99,10 +100,10 @@ def _rotation_as_held(camera: bpy.types.Object) -> np.ndarray:
 
 def _count_points(context: bpy.types.Context) -> int:
     """Return how many points are selected: vertices in Edit Mode, else objects."""
-    obj = context.object
+    obj = active_object(context)
     if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
         return obj.data.total_vert_sel
-    return len(context.selected_objects)
+    return len(selected_objects(context))
 
 
 def _distance(context: bpy.types.Context) -> float:
@@ -120,12 +121,12 @@ def _distance(context: bpy.types.Context) -> float:
 
 def _two_points(context: bpy.types.Context) -> list[Vector]:
     """Return two world positions out of the selection: vertices in Edit Mode, else objects."""
-    obj = context.object
+    obj = active_object(context)
     if obj is not None and obj.mode == "EDIT" and obj.type == "MESH":
         obj.update_from_editmode()
         found = [obj.matrix_world @ v.co for v in obj.data.vertices if v.select]
     else:
-        found = [o.matrix_world.translation.copy() for o in context.selected_objects]
+        found = [o.matrix_world.translation.copy() for o in selected_objects(context)]
     if len(found) != 2:
         raise UserError("Select exactly two vertices or two objects; {count} are selected.", count=len(found))
     return found

@@ -49,6 +49,7 @@ class Tree:
         root = bpy.data.objects.new("", None)  # named where it is placed
         root.empty_display_type = "ARROWS"
         root[ROLE_KEY] = "root"
+        _note_frame(root, frame)
         top.objects.link(root)
         tree = cls(top)
         tree.place(name, frame)
@@ -62,8 +63,7 @@ class Tree:
         self.collection.name = name
         root.name = f"{name} Origin"  # the name itself is the mesh's, which is what people look for
         root.empty_display_size = 0.25 * frame.radius
-        root[OFFSET_KEY] = [float(v) for v in frame.offset]
-        root[RADIUS_KEY] = frame.radius
+        _note_frame(root, frame)
         root.matrix_world = Matrix(frame.matrix().tolist())
 
     @classmethod
@@ -84,8 +84,9 @@ class Tree:
 
     @property
     def root(self) -> bpy.types.Object | None:
-        """The empty above all objects; None when the user deleted it."""
-        return next((o for o in self.collection.objects if o.get(ROLE_KEY) == "root"), None)
+        """The empty above all objects; None when the user deleted it, or what it knows of the scene."""
+        empties = (o for o in self.collection.objects if o.get(ROLE_KEY) == "root")
+        return next((o for o in empties if OFFSET_KEY in o and RADIUS_KEY in o), None)
 
     def from_world(self) -> np.ndarray:
         """Return the matrix from world coordinates to those of the empty, float64 [4, 4].
@@ -151,6 +152,12 @@ class Tree:
             data = obj.data
             bpy.data.objects.remove(obj, do_unlink=True)
             _remove_unused(data)
+
+
+def _note_frame(root: bpy.types.Object, frame: SceneFrame) -> None:
+    """Note on a scene's empty what it knows of the scene."""
+    root[OFFSET_KEY] = [float(v) for v in frame.offset]
+    root[RADIUS_KEY] = frame.radius
 
 
 def objects_below(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:

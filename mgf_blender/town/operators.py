@@ -8,6 +8,7 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
+from ..common.selection import selected_objects
 from ..common.text import tr
 from ..common.views import frame_scene
 from ..scene_import.tree import objects_below
@@ -73,7 +74,7 @@ class MGF_OT_show_light_building(_OnBuildings):
 
 def chosen_buildings(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the selected objects that are buildings of a town."""
-    return [obj for obj in context.selected_objects if JOB_KEY in obj and obj.type == "MESH"]
+    return [obj for obj in selected_objects(context) if JOB_KEY in obj and obj.type == "MESH"]
 
 
 def is_full(obj: bpy.types.Object) -> bool:

@@ -74,15 +74,9 @@ def addon(scene, monkeypatch):
 @pytest.fixture
 def engine(tmp_path, monkeypatch):
     """A Python whose ``-m mgf_engine`` is the test double; call it with a mode to change how it behaves."""
-    home = tmp_path / "engine home"
-    package = home / "mgf_engine"
-    package.mkdir(parents=True)
-    (package / "__init__.py").write_text("")
-    (package / "__main__.py").write_text((Path(__file__).parent / "fake_engine.py").read_text())
-    shutil.copy(REPO / "mgf_blender" / "options.json", package / "options.json")
-    python = home / "python"
-    python.write_text(f'#!/bin/sh\nPYTHONPATH="{home}" PYTHONSAFEPATH=1 exec "{sys.executable}" "$@"\n')
-    python.chmod(0o755)
+    from jobs import write_engine  # which needs bpy
+
+    python = write_engine(tmp_path / "engine home")
     monkeypatch.setenv("MGF_ENGINE_PYTHON", str(python))
 
     def behave(mode: str, **variables: object) -> None:

@@ -1,14 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Running jobs in tests: drain them as the timer does, and read what the engine was given."""
+"""Running jobs in tests: the engine's double, draining as the timer does, and what the engine was given."""
 
 from __future__ import annotations
 
 import json
+import shutil
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from mgf_blender.common import runner
+
+HERE = Path(__file__).parent
+
+
+def write_engine(home: Path) -> Path:
+    """Write a program that runs as a Python whose ``-m mgf_engine`` is the double, see :mod:`fake_engine`; its path."""
+    package = home / "mgf_engine"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    shutil.copyfile(HERE / "fake_engine.py", package / "__main__.py")
+    shutil.copyfile(HERE.parents[1] / "mgf_blender" / "options.json", package / "options.json")
+    python = home / "python"
+    python.write_text(f'#!/bin/sh\nPYTHONPATH="{home}" PYTHONSAFEPATH=1 exec "{sys.executable}" "$@"\n')
+    python.chmod(0o755)
+    return python
 
 
 def pump_until(

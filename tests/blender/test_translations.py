@@ -18,6 +18,7 @@ from layouts import draw
 from support.user_messages import GAP, messages
 
 from mgf_blender import preferences, properties, translations
+from mgf_blender.common import options
 from mgf_blender.common import text as text_module
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.text import tr
@@ -25,7 +26,7 @@ from mgf_blender.prompts import files, overlay, preview
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.reconstruct import engine_sentences
 from mgf_blender.reconstruct.engine_messages import in_panel_terms, translate_message
-from mgf_blender.reconstruct.panel import MGF_PT_mark
+from mgf_blender.reconstruct.panel import _START, _TOOLS, MGF_PT_mark
 from mgf_blender.scene_import.panel import MGF_PT_scene
 
 
@@ -231,3 +232,41 @@ def test_lookups_ask_in_our_context_first(addon, monkeypatch):
     monkeypatch.setattr(text_module, "bpy", SimpleNamespace(app=SimpleNamespace(translations=asked)))
     assert [text_module.look_up(t) for t in ("Level", "Add", "Else")] == ["Waagerecht", "Hinzufügen", "Else"]
     assert ("MGF", "Level") in translations.dictionary()["de_DE"]
+
+
+#: What a sidebar of the default width has room for, in pixels at interface scale 1, as seen in Blender 5.2: a name
+#: before its value, one behind its tick, and the line of a progress bar.
+NAME, TICK, BAR = 86, 114, 182
+#: They lose their last letters there; the tooltips have them.
+CUT = {"Boundary Weight", "Depth Smoothing", "Screening Dilation"}
+
+
+def width(text: str) -> float:
+    """Of a text as panels draw it, pixels at interface scale 1."""
+    import blf  # of the bpy package, which must come first
+
+    blf.size(0, 11)
+    return blf.dimensions(0, text)[0]
+
+
+def test_names_of_options_have_room():
+    german = translations.dictionary()["de_DE"]
+    known = {english: text for (_, english), text in german.items()}
+    wide = set()
+    for name, option in options.OPTIONS.items():
+        title = options.title(name)
+        wide |= {
+            text
+            for text in (title, known.get(title, title))
+            if width(text) > (TICK if option["type"] == "bool" else NAME)
+        }
+    assert wide - {known["Crop Box"], "Crop Box"} == CUT
+
+
+def test_progress_bars_say_how_long_it_takes_still():
+    german = translations.dictionary()["de_DE"]
+    known = {english: text for (_, english), text in german.items()}
+    long = {"Rendering and reporting", known["Rendering and reporting"]}  # which takes seconds, and gives way
+    for stage in {*options.STAGES.values(), *_START.values(), *_TOOLS.values()} - long:
+        for text, left in ((stage, "{stage}, {time} left"), (known[stage], known["{stage}, {time} left"])):
+            assert width(left.format(stage=text, time="59 min")) <= BAR, text

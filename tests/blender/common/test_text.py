@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from layouts import Recorder
 
-from mgf_blender.common.text import draw_value, wrapped
+from mgf_blender.common.text import draw_value, widest, wrapped
 
 
 def short(text: str) -> bool:
@@ -33,3 +33,9 @@ def test_a_long_value_is_broken_beside_its_name():
     draw_value(recorder, "segmenter of the masks", value)
     name, *lines = [text for text, _ in recorder.texts]
     assert name == "segmenter of the masks" and len(lines) > 1 and " ".join(lines) == value
+
+
+def test_the_longest_text_that_fits_is_drawn():
+    long = "Finding the building in all the photos, 42%, 12 min left"
+    assert widest(["Training, 42%, 12 min left", "42%"]) == "Training, 42%, 12 min left"
+    assert widest([long, "42%, 12 min left"]) == "42%, 12 min left" and widest([long]) == long

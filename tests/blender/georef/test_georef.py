@@ -179,9 +179,11 @@ def test_a_scene_far_from_its_origin_keeps_its_offset(addon, engine, tmp_path, g
 
 def test_without_true_coordinates_nothing_moves(finished, house):
     before = Tree.find(bpy.context.scene).root.matrix_world.copy()
-    with pytest.raises(RuntimeError, match="The job has no true coordinates yet"):
+    with pytest.raises(RuntimeError, match="Press Georeference Job first"):
         bpy.ops.mgf.place_scene()
     (house.job / "georef.json").write_text("{")
+    with pytest.raises(RuntimeError, match="The job has no true coordinates yet"):
+        bpy.ops.mgf.place_scene()
     assert "Place in True" not in draw(MGF_PT_georef).said
     assert Tree.find(bpy.context.scene).root.matrix_world == before
 

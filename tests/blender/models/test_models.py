@@ -12,45 +12,13 @@ import addon_utils
 import bpy
 import numpy as np
 import pytest
+from finished_work import SIZES, TO_SCENE, write_models
 from layouts import draw
 
 from mgf_blender.models.lods import levels_of, shown_level
 from mgf_blender.models.panel import MGF_PT_models
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.scene_import.tree import Tree
-
-#: Local frame of the models -> scene: turned by a quarter about z, twice as large, far away.
-TO_SCENE = np.array([[0, -2, 0, 500.0], [2, 0, 0, -300.0], [0, 0, 2, 7.0], [0, 0, 0, 1]])
-SIZES = 3.0, 2.0, 1.0  # of the square that each level is
-
-
-def write_models(folder: Path) -> Path:
-    """Three textured squares as GLB and an index, made with Blender's own exporter."""
-    folder.mkdir(parents=True)
-    files = {}
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    for level, size in enumerate(SIZES):
-        mesh = bpy.data.meshes.new("square")
-        mesh.from_pydata([(0, 0, 1), (size, 0, 1), (size, size, 1), (0, size, 1)], [], [(0, 1, 2), (0, 2, 3)])
-        mesh.uv_layers.new()
-        material = bpy.data.materials.new("building")
-        material.use_nodes = True
-        picture = bpy.data.images.new(f"picture {level}", 4, 4)
-        picture.pack()
-        node = material.node_tree.nodes.new("ShaderNodeTexImage")
-        node.image = picture
-        shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
-        material.node_tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
-        mesh.materials.append(material)
-        obj = bpy.data.objects.new("building", mesh)
-        bpy.context.scene.collection.objects.link(obj)
-        name = f"mesh_lod{level}.glb"
-        bpy.ops.export_scene.gltf(filepath=str(folder / name))
-        bpy.data.objects.remove(obj)
-        files[name] = {"kind": "lod", "level": level, "faces": 2}
-    files["building.city.json"] = {"kind": "solid"}
-    (folder / "models.json").write_text(json.dumps({"format": 1, "files": files, "to_scene": TO_SCENE.tolist()}))
-    return folder
 
 
 @pytest.fixture

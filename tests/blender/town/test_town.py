@@ -3,54 +3,23 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
+from finished_work import OFFSET, write_town
 from layouts import draw
 
 from mgf_blender.common.ply import read_ply
 from mgf_blender.town.load import LIGHT_KEY, find_town
 from mgf_blender.town.panel import MGF_PT_town
 
-OFFSET = [691234.0, 5334876.0, 500.0]
-
-
-def write_light(path: Path, corner: tuple[float, float, float]) -> None:
-    """A tetrahedron in the local frame."""
-    places = np.add(corner, [[0, 0, 0], [4, 0, 0], [0, 4, 0], [1, 1, 3]])
-    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
-    names = "".join(f"property float {axis}\n" for axis in "xyz")
-    names += "".join(f"property uchar {channel}\n" for channel in ("red", "green", "blue"))
-    head = f"ply\nformat ascii 1.0\nelement vertex 4\n{names}element face 4\nproperty list uchar int vertex_indices\n"
-    rows = [f"{x} {y} {z} 200 90 40" for x, y, z in places] + [f"3 {a} {b} {c}" for a, b, c in faces]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(head + "end_header\n" + "\n".join(rows) + "\n")
-
 
 @pytest.fixture
 def town(house, tmp_path) -> Path:
-    """Two finished buildings and one that failed; the scene is doubled and moved on its way to the local frame."""
-    folder = tmp_path / "Ostviertel"
-    matrix = np.diag([2.0, 2.0, 2.0, 1.0])
-    matrix[:3, 3] = [3.0, -1.0, 19.0]
-    placement = {
-        "format": 1, "to_local": matrix.tolist(), "offset": OFFSET, "crs": "EPSG:25832", "unit": "metre",
-        "up_known": True, "north_known": True, "method": "gps", "heights": "", "origin": [48.1, 11.6, 500.0],
-        "accuracy": {},
-    }  # fmt: skip
-    for name, corner in (("a", (0, 0, 0)), ("b", (20, 0, 1))):
-        write_light(folder / "buildings" / name / "light.ply", corner)
-        (folder / "buildings" / name / "done.json").write_text(json.dumps({"confidence": 0.75}))
-        shutil.copytree(house.job, folder / "buildings" / name / "job")
-    write_light(folder / "terrain" / "terrain.ply", (-5, -5, -1))
-    rows = [{"id": name} for name in ("a", "b", "failed")]
-    (folder / "buildings.json").write_text(json.dumps({"format": 1, "buildings": rows}))
-    (folder / "georef.json").write_text(json.dumps(placement))
-    return folder
+    """See :func:`finished_work.write_town`."""
+    return write_town(tmp_path / "Ostviertel", house.job)
 
 
 def choose(*names: str) -> None:
