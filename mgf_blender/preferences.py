@@ -13,6 +13,13 @@ from .engine.install import TICKS, has_nvidia
 from .engine.swap import discarding, unfinished
 from .engine.task import CANCELLED, DONE, FAILED, RUNNING
 
+#: What the engine's report says where all is well, and of a segmenter without weights.
+_ALL_WELL = N_("Everything a job needs is here.")
+_NO_WEIGHTS = re.compile(
+    r"random walker, which needs no weights; 'mgf weights' fetches those of EfficientSAM, the paper's segmenter "
+    r"\((.*)\)"
+)
+
 
 def _other_engine(prefs: bpy.types.AddonPreferences, context: bpy.types.Context) -> None:
     """Forget what the last check said, which was about the engine before."""
@@ -148,7 +155,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
             *rows, (summary, _) = _report_lines(task.output) or [("", "")]
-            draw_sentence(box, summary, "CHECKMARK")
+            draw_sentence(box, tr(summary), "CHECKMARK")
             for name, value in rows:
                 if value:
                     draw_value(box, name, _in_panel_terms(value, self.engine_source == "MANAGED"))
@@ -165,7 +172,13 @@ def _in_panel_terms(value: str, managed: bool) -> str:
         value: of a line of the engine's report.
         managed: whether *Install Engine* made the engine.
     """
-    value = value.replace("'mgf weights' fetches", tr("the arrow beside Mask Weights fetches"))
+    weights = _NO_WEIGHTS.fullmatch(value)
+    if weights is not None:
+        return tr(
+            "random walker, which needs no weights; the arrow beside Mask Weights fetches those of EfficientSAM, the "
+            "paper's segmenter ({size})",
+            size=weights[1],
+        )
     extra = re.search(r"pip install .*'mgf-engine\[(\w+)\]'", value)
     if extra is None or not managed:
         return value

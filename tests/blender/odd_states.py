@@ -771,7 +771,7 @@ class Call:
         """
         stage.begin(self.base)
         for state in self.states:
-            with contextlib.suppress(RuntimeError, UserError):  # the second does not fit the first
+            with contextlib.suppress(RuntimeError, UserError, OSError):  # the second does not fit the first
                 STATES[state](stage)
         printed = io.StringIO()
         with contextlib.redirect_stderr(printed), _without_privileges():
@@ -813,7 +813,7 @@ class Call:
 
 def check_sentence(text: str) -> None:
     """Raise when an error is no sentence that a user can read."""
-    if text.startswith("The engine ended with code"):  # and its own last words
+    if "The engine ended with code" in text:  # and its own last words
         return
     for bad in ("Traceback", "made a mistake", "Error(", "Errno", "<bpy", "NoneType"):
         if bad in text:

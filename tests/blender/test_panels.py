@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from conftest import REPO
 from layouts import draw
 
 from mgf_blender import preferences
@@ -275,9 +276,13 @@ def test_a_check_of_an_engine_installed_here_names_ticks_and_not_pip(extra, line
 
 @pytest.mark.parametrize("managed", [True, False])
 def test_a_check_names_the_button_of_the_weights(managed):
-    said = "random walker; 'mgf weights' fetches those of EfficientSAM"
+    said = "random walker, which needs no weights; 'mgf weights' fetches those of EfficientSAM, the paper's segmenter "
+    said += "(41 MB, Apache-2.0)"
     shown = preferences._in_panel_terms(said, managed)
-    assert shown.startswith("random walker; the arrow beside Mask Weights fetches those of EfficientSAM")
+    assert shown == said.replace("'mgf weights' fetches", "the arrow beside Mask Weights fetches")
+    engine = (REPO / "mgf_engine" / "masks" / "segmenters" / "notice.py").read_text()
+    first, _, second = said.rpartition("'mgf weights'")
+    assert first.removesuffix("; ") in engine and second.partition("(41")[0] in engine  # the engine still says so
 
 
 @pytest.mark.parametrize("source", ["MANAGED", "EXISTING"])
