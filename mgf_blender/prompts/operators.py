@@ -51,7 +51,7 @@ class MGF_OT_next_photo(Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        return "Go to the previous photo" if properties.step < 0 else "Go to the next photo"
+        return tr("Go to the previous photo") if properties.step < 0 else tr("Go to the next photo")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -22,7 +22,7 @@ from mgf_blender.common import options
 from mgf_blender.common import text as text_module
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.text import tr
-from mgf_blender.prompts import files, overlay, preview
+from mgf_blender.prompts import files, operators, overlay, preview
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.reconstruct import engine_sentences
 from mgf_blender.reconstruct.engine_messages import in_panel_terms, translate_message
@@ -232,6 +232,11 @@ def test_lookups_ask_in_our_context_first(addon, monkeypatch):
     monkeypatch.setattr(text_module, "bpy", SimpleNamespace(app=SimpleNamespace(translations=asked)))
     assert [text_module.look_up(t) for t in ("Level", "Add", "Else")] == ["Waagerecht", "Hinzufügen", "Else"]
     assert ("MGF", "Level") in translations.dictionary()["de_DE"]
+
+
+def test_tooltips_that_say_what_a_button_does_here_are_translated(german):
+    said = [operators.MGF_OT_next_photo.description(bpy.context, SimpleNamespace(step=step)) for step in (-1, 1)]
+    assert said == ["Zum vorigen Foto gehen", "Zum nächsten Foto gehen"]
 
 
 #: What a sidebar of the default width has room for, in pixels at interface scale 1, as seen in Blender 5.2: a name
