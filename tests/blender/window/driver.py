@@ -13,6 +13,7 @@ from pathlib import Path
 
 REPO = Path(__file__).resolve().parents[3]
 WIDTH, HEIGHT = 1400, 900
+TICK = 0.25  # seconds between two looks of helper.py
 
 
 def engine_python(given: str) -> Path:
@@ -118,9 +119,12 @@ class Window:
             return {}
 
     def wait(self, what: str, test, seconds: float = 120) -> dict:
-        """Wait until ``test(state)`` holds."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        """Wait until ``test(state)`` holds; where a busy Blender comes round less often, up to five times as
+        long."""
+        begun, ticks = time.monotonic(), self.state().get("tick", 0)
+        while (past := time.monotonic() - begun) < seconds or (
+            past < 5 * seconds and self.state().get("tick", 0) - ticks < seconds / TICK / 2
+        ):
             if self.blender.poll() is not None:
                 raise RuntimeError(
                     f"Blender ended while waiting for {what}: {(self.out / 'blender.log').read_text()[-2000:]}"
@@ -190,12 +194,13 @@ class Window:
         """Press, move in steps, release."""
         self.move(x0, y0)
         self._x("mousedown", 1)
-        time.sleep(0.3)
+        self.settle()  # or a busy Blender sees the press where the pointer is by then
         for i in range(1, 6):
             self._x("mousemove", round(x0 + (x1 - x0) * i / 5), round(y0 + (y1 - y0) * i / 5))
             time.sleep(0.15)
+        self.settle()
         self._x("mouseup", 1)
-        time.sleep(0.6)
+        self.settle()
 
     def drag_file(self, x0: float, y0: float, x1: float, y1: float, shot: str) -> None:
         """Drag a file out of a File Browser by small steps, or Blender does not pick it up; shows what it says."""

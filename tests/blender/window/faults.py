@@ -36,11 +36,12 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True)
     args = parser.parse_args()
     out = args.out.absolute()
+    disk = out / "disk"
+    subprocess.run(["umount", "-l", disk], stderr=subprocess.DEVNULL)  # of a run that was killed
     shutil.rmtree(out, ignore_errors=True)
     scene = out / "house"
     for name in ("images", "sparse"):
         shutil.copytree(args.scene / name, scene / name)
-    disk = out / "disk"
     disk.mkdir()
     mount("-t", "tmpfs", "-o", f"size={DISK}k", "tmpfs", disk)  # before Blender, which may run in mounts of its own
     window = open_with_addon(args.blender, out)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import bpy
 
-PAUSE = 0.25  # seconds between two looks
+PAUSE = 0.25  # seconds between two looks; TICK of driver.py
 last, gaps = 0.0, []
 OUT = Path(os.environ["MGF_WINDOW_OUT"])
 bpy.context.preferences.view.show_splash = False
