@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..scene_import.tree import FIELD_KEY, KIND_KEY, ROLE_KEY, Tree, objects_below
+from ..scene_import.tree import FIELD_KEY, KIND_KEY, ROLE_KEY, Tree, is_own, objects_below
 
 OURS, THEIRS = "section", "section of the user"
 _NAME = "Section"
@@ -25,14 +25,14 @@ AXES = {
 
 
 def find_sections(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Find the scene's section planes, by name."""
-    found = [o for o in objects_below(scene.collection) if o.get(ROLE_KEY) in (OURS, THEIRS)]
+    """Find the scene's section planes, by name; those of other files are not ours."""
+    found = [o for o in objects_below(scene.collection) if o.get(ROLE_KEY) in (OURS, THEIRS) and is_own(o)]
     return sorted(found, key=lambda o: o.name)
 
 
 def may_be_section(obj: bpy.types.Object) -> bool:
     """Tell whether an object of the user's can say where to cut."""
-    return obj.type in {"MESH", "EMPTY"} and ROLE_KEY not in obj and KIND_KEY not in obj
+    return obj.type in {"MESH", "EMPTY"} and ROLE_KEY not in obj and KIND_KEY not in obj and is_own(obj)
 
 
 def add_section(tree: Tree, axis: str) -> bpy.types.Object:

@@ -38,8 +38,7 @@ class Tree:
         Raises:
             UserError: the scene is linked from another file.
         """
-        if scene.library is not None:
-            raise UserError("The scene is linked from another file; open that file, or go to a scene of this one.")
+        check_own(scene)
         trees = [c for c in scene.collection.children if c.get(ROLE_KEY) == "tree"]
         for old in [c for c in trees if c.library is None and next(objects_below(c), None) is None]:
             bpy.data.batch_remove([*old.children_recursive, old])
@@ -77,7 +76,7 @@ class Tree:
 
         Those of other files, linked or as library overrides, are not ours to change.
         """
-        own = [c for c in scene.collection.children_recursive if c.library is None and c.override_library is None]
+        own = [c for c in scene.collection.children_recursive if is_own(c)]
         trees = [cls(c) for c in reversed(own) if c.get(ROLE_KEY) == "tree" and cls(c).root is not None]
         active = scene.camera.parent if scene.camera is not None else None
         return sorted(trees, key=lambda tree: tree.root != active)
@@ -158,6 +157,21 @@ def _note_frame(root: bpy.types.Object, frame: SceneFrame) -> None:
     """Note on a scene's empty what it knows of the scene."""
     root[OFFSET_KEY] = [float(v) for v in frame.offset]
     root[RADIUS_KEY] = frame.radius
+
+
+def is_own(block: bpy.types.ID) -> bool:
+    """Tell whether a block is of this file, neither linked nor a library override: only those are ours to change."""
+    return block.library is None and block.override_library is None
+
+
+def check_own(scene: bpy.types.Scene) -> None:
+    """Make sure that something can be imported into a scene.
+
+    Raises:
+        UserError: it is linked from another file.
+    """
+    if scene.library is not None:
+        raise UserError("The scene is linked from another file; open that file, or go to a scene of this one.")
 
 
 def objects_below(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:

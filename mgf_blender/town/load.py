@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ..common.materials import vertex_color_material
-from ..common.meshes import make_mesh, prepare_mesh
+from ..common.meshes import MeshData, make_mesh, prepare_mesh
 from ..common.ply import read_ply
 from ..common.textures import texture_material
 from ..georef.files import read_placement
@@ -18,7 +19,7 @@ from ..georef.place import note_place
 from ..results.load import SHARP_ANGLE
 from ..results.surface import show
 from ..results.texture import check_picture, load_texture, read_uv
-from ..scene_import.tree import objects_below
+from ..scene_import.tree import check_own, is_own, objects_below
 from .files import COORDINATES, MESH, PICTURE, TERRAIN, TERRAIN_MESH, Building, Town
 
 #: On the collection of a town: its folder. On a building's object: its name, its job folder, and its simplified mesh
@@ -27,8 +28,8 @@ TOWN_KEY, BUILDING_KEY, JOB_KEY, LIGHT_KEY = "mgf_town", "mgf_building", "mgf_bu
 
 
 def find_town(scene: bpy.types.Scene, folder: Path | None = None) -> bpy.types.Collection | None:
-    """Find the collection of the town in a folder, or of any."""
-    towns = [c for c in scene.collection.children_recursive if TOWN_KEY in c]
+    """Find the collection of the town in a folder, or of any; those of other files are not ours."""
+    towns = [c for c in scene.collection.children_recursive if TOWN_KEY in c and is_own(c)]
     return next((c for c in towns if folder is None or Path(bpy.path.abspath(c[TOWN_KEY])) == folder), None)
 
 
@@ -36,8 +37,17 @@ def import_steps(scene: bpy.types.Scene, town: Town) -> Iterator[float]:
     """Import a town, yielding the share that is done; one of the same folder is replaced.
 
     Raises:
-        UserError: a file is damaged; what came before it stays.
+        UserError: a file is damaged, or the scene is linked from another file; it is then unchanged.
     """
+    check_own(scene)
+    meshes, steps = list[MeshData](), 2 * len(town.buildings) + 2
+    for building in town.buildings:  # all is read before anything changes
+        surface = read_ply(building.light)
+        meshes.append(prepare_mesh(surface.positions, surface.triangles, surface.colors()))
+        yield len(meshes) / steps
+    folder = town.folder / TERRAIN
+    terrain = _read_textured(folder / TERRAIN_MESH, folder, np.eye(4)) if (folder / TERRAIN_MESH).is_file() else None
+    yield (len(meshes) + 1) / steps
     old = find_town(scene, town.folder)
     if old is not None:
         remove_town(old)
@@ -45,10 +55,11 @@ def import_steps(scene: bpy.types.Scene, town: Town) -> Iterator[float]:
     top[TOWN_KEY] = str(town.folder)
     scene.collection.children.link(top)
     note_place(scene, town.placement)
-    for count, building in enumerate(town.buildings, 1):
-        _add_building(top, building)
-        yield count / (len(town.buildings) + 1)
-    _add_terrain(top, town.folder / TERRAIN)
+    for count, (building, data) in enumerate(zip(town.buildings, meshes, strict=True), len(meshes) + 2):
+        _add_building(top, building, data)
+        yield count / steps
+    if terrain is not None:
+        _add_object(top, "Terrain", _make_textured("Terrain", terrain))
     yield 1.0
 
 
@@ -62,22 +73,13 @@ def remove_town(top: bpy.types.Collection) -> None:
     bpy.data.batch_remove([c for c in (*top.children_recursive, top) if next(objects_below(c), None) is None])
 
 
-def _add_building(top: bpy.types.Collection, building: Building) -> None:
-    surface = read_ply(building.light)
-    mesh = make_mesh(building.name, prepare_mesh(surface.positions, surface.triangles, surface.colors()), SHARP_ANGLE)
+def _add_building(top: bpy.types.Collection, building: Building, data: MeshData) -> None:
+    mesh = make_mesh(building.name, data, SHARP_ANGLE)
     mesh.materials.append(vertex_color_material())
     obj = _add_object(top, building.name, mesh)
     obj[JOB_KEY] = str(building.job)
     if building.confidence is not None:
         obj["confidence"] = building.confidence
-
-
-def _add_terrain(top: bpy.types.Collection, folder: Path) -> None:
-    """Add the terrain, where there is one."""
-    if not (folder / TERRAIN_MESH).is_file():
-        return
-    mesh = _textured_mesh("Terrain", folder / TERRAIN_MESH, folder, np.eye(4))
-    _add_object(top, "Terrain", mesh)
 
 
 def _add_object(top: bpy.types.Collection, name: str, mesh: bpy.types.Mesh) -> bpy.types.Object:
@@ -89,8 +91,20 @@ def _add_object(top: bpy.types.Collection, name: str, mesh: bpy.types.Mesh) -> b
     return obj
 
 
-def _textured_mesh(name: str, file: Path, folder: Path, to_local: np.ndarray) -> bpy.types.Mesh:
-    """Return a mesh with the texture in a folder, where there is one, else in its vertex colours."""
+@dataclass(frozen=True)
+class _Textured:
+    """A mesh as read, and its picture where it has one."""
+
+    data: MeshData
+    picture: Path | None
+
+
+def _read_textured(file: Path, folder: Path, to_local: np.ndarray) -> _Textured:
+    """Read a mesh with the texture in a folder, where there is one, else with its vertex colours.
+
+    Raises:
+        UserError: a file is gone or damaged.
+    """
     surface = read_ply(file)
     positions = surface.positions @ to_local[:3, :3].T + to_local[:3, 3]
     picture, coordinates = folder / PICTURE, folder / COORDINATES
@@ -98,9 +112,16 @@ def _textured_mesh(name: str, file: Path, folder: Path, to_local: np.ndarray) ->
     if picture.is_file() and coordinates.is_file():
         check_picture(picture)
         uv = read_uv(coordinates, len(surface.triangles))
-    mesh = make_mesh(name, prepare_mesh(positions, surface.triangles, surface.colors(), None, uv), SHARP_ANGLE)
-    mesh.materials.append(vertex_color_material() if uv is None else texture_material(name, load_texture(picture)))
-    if uv is not None:
+    data = prepare_mesh(positions, surface.triangles, surface.colors(), None, uv)
+    return _Textured(data, None if uv is None else picture)
+
+
+def _make_textured(name: str, read: _Textured) -> bpy.types.Mesh:
+    mesh = make_mesh(name, read.data, SHARP_ANGLE)
+    if read.picture is None:
+        mesh.materials.append(vertex_color_material())
+    else:
+        mesh.materials.append(texture_material(name, load_texture(read.picture)))
         show(mesh, "TEXTURE")
     return mesh
 
@@ -120,7 +141,7 @@ def show_full(obj: bpy.types.Object) -> None:
         return
     job, placement = Path(bpy.path.abspath(obj[JOB_KEY])), read_placement(town_of(obj))
     to_local = np.eye(4) if placement is None else np.asarray(placement.to_local, np.float64)
-    mesh = _textured_mesh(f"{obj[BUILDING_KEY]} full", job / MESH, job, to_local)
+    mesh = _make_textured(f"{obj[BUILDING_KEY]} full", _read_textured(job / MESH, job, to_local))
     obj[LIGHT_KEY] = obj.data
     obj.data = mesh
 

@@ -11,7 +11,7 @@ from ..common.operators import FileOperator, Operator
 from ..common.selection import selected_objects
 from ..common.text import tr
 from ..common.views import frame_scene
-from ..scene_import.tree import objects_below
+from ..scene_import.tree import is_own, objects_below
 from .files import read_town
 from .load import BUILDING_KEY, JOB_KEY, LIGHT_KEY, find_town, import_steps, show_full, show_light
 
@@ -73,8 +73,8 @@ class MGF_OT_show_light_building(_OnBuildings):
 
 
 def chosen_buildings(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Return the selected objects that are buildings of a town."""
-    return [obj for obj in selected_objects(context) if JOB_KEY in obj and obj.type == "MESH"]
+    """Return the selected objects that are buildings of a town of this file."""
+    return [obj for obj in selected_objects(context) if JOB_KEY in obj and obj.type == "MESH" and is_own(obj)]
 
 
 def is_full(obj: bpy.types.Object) -> bool:

@@ -90,3 +90,38 @@ def test_what_is_no_town_is_refused(addon, town, tmp_path):
     with pytest.raises(RuntimeError, match="does not say where its buildings lie"):
         bpy.ops.mgf.import_town(directory=str(town))
     assert find_town(bpy.context.scene) is None
+
+
+def test_a_damaged_town_changes_nothing(addon, town):
+    bpy.ops.mgf.import_town(directory=str(town))
+    there = {store: sorted(b.name for b in getattr(bpy.data, store)) for store in ("objects", "collections", "meshes")}
+    for damaged in (town / "buildings" / "b" / "light.ply", town / "terrain" / "terrain.ply"):
+        whole = damaged.read_bytes()
+        damaged.write_text("ply")
+        with pytest.raises(RuntimeError, match="is not a PLY file"):
+            bpy.ops.mgf.import_town(directory=str(town))
+        assert {store: sorted(b.name for b in getattr(bpy.data, store)) for store in there} == there
+        damaged.write_bytes(whole)
+
+
+def test_a_linked_town_is_left_alone(addon, town, tmp_path):
+    """To show the full mesh of a linked building ended Blender at the next undo."""
+    bpy.ops.mgf.import_town(directory=str(town))
+    path = str(tmp_path / "town.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (there, here):
+        here.scenes = there.scenes[:1]
+        here.collections = [there.collections[there.collections.index("Ostviertel")]]
+    bpy.context.scene.collection.children.link(here.collections[0])
+    bpy.context.view_layer.update()
+    choose("a")
+    assert [o.name for o in bpy.context.view_layer.objects.selected] == ["a"]
+    with pytest.raises(RuntimeError, match="Select buildings of a town first"):
+        bpy.ops.mgf.show_full_building()
+    bpy.ops.mgf.import_town(directory=str(town))
+    top = find_town(bpy.context.scene)
+    assert top.library is None and here.collections[0].library is not None
+    bpy.context.window.scene = here.scenes[0]
+    with pytest.raises(RuntimeError, match="The scene is linked from another file"):
+        bpy.ops.mgf.import_town(directory=str(town))

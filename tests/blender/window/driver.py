@@ -140,8 +140,10 @@ class Window:
         """Send the helper a command and wait until it was obeyed."""
         (self.out / "cmd.tmp").write_text(text)
         (self.out / "cmd.tmp").replace(self.out / "cmd")
-        end = time.monotonic() + 60
-        while (self.out / "cmd").exists() and time.monotonic() < end:
+        end = time.monotonic() + 300
+        while (self.out / "cmd").exists():
+            if time.monotonic() > end:
+                raise RuntimeError(f"Blender did not obey: {text}")
             time.sleep(0.1)
         self.settle(3)
 
