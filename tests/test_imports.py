@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Packages and modules of ``mgf_engine``, from the bottom up: each may import those before it.
 ORDER = (
     *("errors", "stages", "costs", "system", "files"),  # the machine, its files
-    *("options", "messages", "console"),  # what users ask for, and what they are told
+    *("options", "messages", "console", "weights"),  # what users ask for, and what they are told
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
     *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
     "jobs",  # the job folder, time and memory

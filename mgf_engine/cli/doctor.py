@@ -9,10 +9,10 @@ from pathlib import Path
 
 from mgf_engine import __version__
 from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput
-from mgf_engine.masks.segmenters.download import WEIGHTS, check_file, default_folder
-from mgf_engine.masks.segmenters.notice import describe_automatic_choice
+from mgf_engine.masks.segmenters.messages import describe_automatic_choice
 from mgf_engine.system.machine import cores, cpu_name, is_installed, total_memory, versions
 from mgf_engine.system.memory import GB, free_memory
+from mgf_engine.weights import WEIGHTS, check_file, default_folder
 
 #: The versions the engine is tested with.
 CONSTRAINTS = "constraints.txt"

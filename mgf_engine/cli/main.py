@@ -216,7 +216,7 @@ def _doctor_command(args: argparse.Namespace) -> int:
 
 def _weights_command(args: argparse.Namespace) -> int:
     """Download or copy the weights of EfficientSAM."""
-    from mgf_engine.masks.segmenters.download import copy_weights, download_weights
+    from mgf_engine.weights import copy_weights, download_weights
 
     if args.source is not None:
         model, folder = copy_weights(args.source, args.model, args.folder)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.segmenters.download import WEIGHTS, check_file, default_folder
+from mgf_engine.weights import WEIGHTS, check_file, default_folder
 
 NETWORKS = {"lpips-alex": "AlexNet", "lpips-vgg": "VGG-16"}  # the first that is there is taken
 #: Mean and spread of the pictures the networks were trained on, for colours in -1..1.

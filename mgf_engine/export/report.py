@@ -29,7 +29,7 @@ from mgf_engine.geometry.rasterize import shaded
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.report import georeference_figures, georeference_html
 from mgf_engine.jobs.job import Job
-from mgf_engine.masks.segmenters.notice import describe_used_segmenter
+from mgf_engine.masks.segmenters.messages import describe_used_segmenter
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building

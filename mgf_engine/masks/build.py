@@ -26,9 +26,8 @@ from mgf_engine.masks.prompts import Prompts, PromptsFile, no_clicks, read_promp
 from mgf_engine.masks.propagation.propagate import Propagation, propagate
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.segmenters.base import Segmenter
-from mgf_engine.masks.segmenters.download import default_folder, find_weights, missing_text
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam
-from mgf_engine.masks.segmenters.notice import describe_segmenter
+from mgf_engine.masks.segmenters.messages import describe_segmenter
 from mgf_engine.masks.segmenters.random_walker import MaskDrawingOptions, RandomWalker
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.user_masks import read_user_masks
@@ -43,6 +42,7 @@ from mgf_engine.model.scene import Scene
 from mgf_engine.native.parallel import plain_opencv
 from mgf_engine.options.config import Config
 from mgf_engine.system.machine import cores
+from mgf_engine.weights import default_folder, find_weights, missing_text
 
 log = logging.getLogger("mgf")
 

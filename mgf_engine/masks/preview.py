@@ -35,7 +35,6 @@ from mgf_engine.masks.propagation.stable_masks import enforce_clicks, first_clic
 from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, cut_regions
 from mgf_engine.masks.refinement.homogeneous_regions import HomogeneousRegionOptions, find_clicked_regions
 from mgf_engine.masks.segmenters.base import Hints, Segment, agreement
-from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.masks.store import write_image
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, Similarity, View
@@ -50,6 +49,7 @@ from mgf_engine.scene.normalise import normalise_pose, rotation_of
 from mgf_engine.scene.photos import plan_photos
 from mgf_engine.scene.sparse import SparseImage, SparseModel, SparsePoints
 from mgf_engine.system.machine import cores
+from mgf_engine.weights import default_folder
 
 _MAP_STEP = 8  # px between the places where the lens is evaluated
 

@@ -107,7 +107,7 @@ def _sees(x: int, y: int, depth: float, between: Array, other_depth: Array, hidd
 def _window(
     x: int, y: int, plane: Array, first: tuple[Array, Array], jump: float, texture: float
 ) -> tuple[Array, Array, Array] | None:
-    """Return pixels [49, 3] of the patch, their weights and grey less its mean; None without texture or surface."""
+    """Return pixels [25, 3] of the patch, their weights and grey less its mean; None without texture or surface."""
     height, width = first[0].shape
     if not (RADIUS <= x < width - RADIUS and RADIUS <= y < height - RADIUS):
         return None

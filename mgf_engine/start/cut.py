@@ -57,20 +57,20 @@ def cut_surface(
     padding = options.padding * float((high - low).max())
     points = np.concatenate([evidence.points, _box(low, high, padding)])
     with background_delaunay(points) as made:
-        shape = Tetrahedra(points, orient_positive(points, made(check)))
-    outside = _outside_share(views, shape, options)
-    fixed_outside = (outside > options.outside_share) | (shape.corners >= len(evidence.points)).any(1)
-    free, solid, face = _cast_rays(views, shape, evidence, options)
+        tetrahedra = Tetrahedra(points, orient_positive(points, made(check)))
+    outside = _outside_share(views, tetrahedra, options)
+    fixed_outside = (outside > options.outside_share) | (tetrahedra.corners >= len(evidence.points)).any(1)
+    free, solid, face = _cast_rays(views, tetrahedra, evidence, options)
     check()
     sink = np.empty(len(fixed_outside))
-    for chunk in shape.chunks():
+    for chunk in tetrahedra.chunks():
         # Rays through a tetrahedron reduce the reward of its volume: a courtyard lies in the visual hull, but is free.
         free_space = np.maximum(face[chunk].sum(1) / ONE - options.free_space, 0)
-        hull = options.volume * shape.volumes(chunk) / views.pixel**3 * (1 - outside[chunk])
+        hull = options.volume * tetrahedra.volumes(chunk) / views.pixel**3 * (1 - outside[chunk])
         sink[chunk] = solid[chunk] / ONE + np.maximum(hull - free_space, 0)
     source = np.where(fixed_outside, _HARD_CAPACITY, free / ONE)
     del outside, free, solid
-    graph = CutGraph(shape, face, evidence, views.pixel, options)
+    graph = CutGraph(tetrahedra, face, evidence, views.pixel, options)
     del face
     graph.flow.add(source, sink)
     del source, sink
@@ -78,7 +78,7 @@ def cut_surface(
     check()
     margin = 0.1 * padding
     release_memory()  # the graph and the planes of the next walk are the largest there is
-    pulled = _pull_uncovered(views, shape, fixed_outside, first, (low - margin, high + margin), options)
+    pulled = _pull_uncovered(views, tetrahedra, fixed_outside, first, (low - margin, high + margin), options)
     graph.flow.add(np.zeros(len(pulled)), pulled / ONE)
     inside = graph.flow.cut()
     log.info("start: %d points, %d tetrahedra, %d inside", len(points), len(inside), inside.sum())
@@ -91,18 +91,18 @@ def _box(low: Array, high: Array, padding: float) -> Array:
     return np.delete(np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 3), 13, 0)
 
 
-def _outside_share(views: StartViews, shape: Tetrahedra, options: CutOptions) -> Array:
+def _outside_share(views: StartViews, tetrahedra: Tetrahedra, options: CutOptions) -> Array:
     """Compute the share of each tetrahedron outside of the visual hull, [T]."""
-    share = np.zeros(len(shape.corners))
-    for chunk in shape.chunks():
-        corners = shape.points[shape.corners[chunk]]
+    share = np.zeros(len(tetrahedra.corners))
+    for chunk in tetrahedra.chunks():
+        corners = tetrahedra.points[tetrahedra.corners[chunk]]
         for row in _SAMPLES:
             share[chunk] += views.is_outside(row @ corners, options.outside)
     return share / len(_SAMPLES)
 
 
 def _cast_rays(
-    views: StartViews, shape: Tetrahedra, evidence: Evidence, options: CutOptions
+    views: StartViews, tetrahedra: Tetrahedra, evidence: Evidence, options: CutOptions
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
     """Cast the points' rays (kernel ``mgf_tetra_rays``).
 
@@ -116,9 +116,9 @@ def _cast_rays(
     behind = (options.behind * weight * _well_inside(views, evidence.points[point], view, options.well_inside)).astype(
         np.float32
     )
-    free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
-    face = np.zeros((len(shape.corners), 4), np.int32)
-    with shape.kernel_table(from_points=True) as table:
+    free, solid = np.zeros(len(tetrahedra.corners), np.int32), np.zeros(len(tetrahedra.corners), np.int32)
+    face = np.zeros((len(tetrahedra.corners), 4), np.int32)
+    with tetrahedra.kernel_table(from_points=True) as table:
         parallel(
             "mgf_tetra_rays", len(point), table, point, view, views.centres, weight, behind,
             float(options.soft * views.pixel), float(options.depth * views.pixel), free, solid, face,
@@ -140,7 +140,7 @@ def _well_inside(views: StartViews, points: Array, number: NDArray[np.int32], ma
 
 def _pull_uncovered(
     views: StartViews,
-    shape: Tetrahedra,
+    tetrahedra: Tetrahedra,
     fixed_outside: NDArray[np.bool_],
     mesh: Mesh,
     box: tuple[Array, Array],
@@ -150,7 +150,7 @@ def _pull_uncovered(
 
     Args:
         views: cameras and masks.
-        shape: all tetrahedra.
+        tetrahedra: all tetrahedra.
         fixed_outside: tetrahedra constrained to be outside, bool [T].
         mesh: the surface.
         box: low and high corner [3] of the space that the rays are followed in.
@@ -161,7 +161,7 @@ def _pull_uncovered(
     """
     origin, direction = _uncovered(views, mesh, box)
     pulled = np.zeros(len(fixed_outside), np.int32)
-    with shape.kernel_table() as table:
+    with tetrahedra.kernel_table() as table:
         parallel(
             "mgf_tetra_pull", len(origin), table, origin, direction, fixed_outside.astype(np.uint8),
             float(options.cover), float(options.short * views.pixel), pulled,

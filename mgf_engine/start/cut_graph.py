@@ -24,34 +24,34 @@ class CutGraph:
     """
 
     def __init__(
-        self, shape: Tetrahedra, rays: NDArray[np.int32], evidence: Evidence, pixel: float, options: CutOptions
+        self, tetrahedra: Tetrahedra, rays: NDArray[np.int32], evidence: Evidence, pixel: float, options: CutOptions
     ) -> None:
-        self.shape, self.strength = shape, StrongestPlane(evidence, len(shape.points))
-        self.flow = Flow(shape.neighbours)
-        for chunk in shape.chunks():
-            cell, k, other = _pairs(shape, chunk)
-            back = np.argmax(shape.neighbours[other] == cell[:, None], 1)
-            faces = _corners_of(shape, cell, k)
+        self.tetrahedra, self.strength = tetrahedra, StrongestPlane(evidence, len(tetrahedra.points))
+        self.flow = Flow(tetrahedra.neighbours)
+        for chunk in tetrahedra.chunks():
+            cell, k, other = _pairs(tetrahedra, chunk)
+            back = np.argmax(tetrahedra.neighbours[other] == cell[:, None], 1)
+            faces = _corners_of(tetrahedra, cell, k)
             with np.errstate(divide="ignore"):
                 factor = np.minimum(1.0, options.flat / self.strength(faces) ** options.slope)
-            cost = options.area * (_areas(shape.points, faces) / pixel**2) * factor
+            cost = options.area * (_areas(tetrahedra.points, faces) / pixel**2) * factor
             self.flow.residual[cell, k] = rays[cell, k] / ONE + cost
             self.flow.residual[other, back] = rays[other, back] / ONE + cost
 
     def surface(self, inside: NDArray[np.bool_]) -> tuple[Mesh, NDArray[np.float32]]:
         """Extract the faces between inside and outside, oriented outward, and the strength of their planes, [F]."""
         found = []
-        for chunk in self.shape.chunks():
-            cell, k, other = _pairs(self.shape, chunk)
+        for chunk in self.tetrahedra.chunks():
+            cell, k, other = _pairs(self.tetrahedra, chunk)
             cut = inside[cell] != inside[other]
-            faces = _corners_of(self.shape, cell[cut], k[cut])
+            faces = _corners_of(self.tetrahedra, cell[cut], k[cut])
             turned = inside[other[cut]]
             faces[turned] = faces[turned][:, ::-1]
             found.append(faces)
         faces = np.concatenate(found)
         kept, index = np.unique(faces, return_inverse=True)
         colors = np.zeros((len(kept), 3), np.uint8)
-        mesh = Mesh(self.shape.points[kept], index.reshape(-1, 3).astype(np.int32), colors)
+        mesh = Mesh(self.tetrahedra.points[kept], index.reshape(-1, 3).astype(np.int32), colors)
         return mesh, self.strength(faces).astype(np.float32)
 
 
@@ -117,20 +117,20 @@ class StrongestPlane:
         return self.by_rank[rank]
 
 
-def _pairs(shape: Tetrahedra, chunk: slice) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32]]:
+def _pairs(tetrahedra: Tetrahedra, chunk: slice) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32]]:
     """List the faces from the tetrahedra of a chunk to those with higher numbers.
 
     Returns:
         Number of the tetrahedron, its corner opposite of the face, and number of the other one, [F] each.
     """
-    neighbours = shape.neighbours[chunk]
+    neighbours = tetrahedra.neighbours[chunk]
     cell, k = np.nonzero(neighbours > np.arange(chunk.start, chunk.stop)[:, None])
     return cell + chunk.start, k, neighbours[cell, k]
 
 
-def _corners_of(shape: Tetrahedra, cell: NDArray[np.int64], k: NDArray[np.int64]) -> NDArray[np.int32]:
+def _corners_of(tetrahedra: Tetrahedra, cell: NDArray[np.int64], k: NDArray[np.int64]) -> NDArray[np.int32]:
     """Return the corners of faces by their tetrahedra and the corners opposite of them, outward, [F, 3]."""
-    return np.take_along_axis(shape.corners[cell], FACE_CORNERS[k], 1)
+    return np.take_along_axis(tetrahedra.corners[cell], FACE_CORNERS[k], 1)
 
 
 def _areas(points: Array, faces: NDArray[np.int32]) -> Array:

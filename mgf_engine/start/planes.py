@@ -71,8 +71,9 @@ def dominant_directions(
     left = lengths.copy()
     found: list[NDArray[np.float64]] = []
     limit = np.cos(np.radians(options.direction_angle))
+    parallel = np.abs(directions @ directions.T) > limit
     while len(found) < options.directions:
-        votes = (np.abs(directions @ directions.T) > limit) @ left
+        votes = parallel @ left
         best = int(votes.argmax()) if len(votes) else 0
         if not len(votes) or votes[best] < options.direction_share * lengths.sum():
             break

@@ -105,11 +105,13 @@ def line_of(segments: Segments, n: int, m: int) -> Array | None:
     return line if (depth > 0).all() and inside else None
 
 
-def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple[int, list[tuple[int, int, float]]]:
+def cast_ray(
+    tetrahedra: Tetrahedra, point: int, centre: Array, soft: float
+) -> tuple[int, list[tuple[int, int, float]]]:
     """Cast a point's ray by brute force: all faces of all tetrahedra are intersected with the segment.
 
     Args:
-        shape: the tetrahedra.
+        tetrahedra: the tetrahedra.
         point: number of the point.
         centre: of the camera, [3].
         soft: uncertainty of the point along the ray.
@@ -117,14 +119,14 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
     Returns:
         The tetrahedron of the camera, and (tetrahedron, face, share of the weight) of every face that the ray passes.
     """
-    origin = shape.points[point]
+    origin = tetrahedra.points[point]
     d = centre - origin
     length = float(np.linalg.norm(d))
     d = d / length
     spans = []
-    for cell, planes in enumerate(face_planes(shape)):
+    for cell, planes in enumerate(face_planes(tetrahedra)):
         slope, off = planes[:, :3] @ d, planes[:, :3] @ origin + planes[:, 3]
-        off[shape.corners[cell] != point] *= np.abs(off[shape.corners[cell] != point]) > 1e-12
+        off[tetrahedra.corners[cell] != point] *= np.abs(off[tetrahedra.corners[cell] != point]) > 1e-12
         with np.errstate(divide="ignore", invalid="ignore"):
             at = -off / slope
         near = max(0.0, float(at[slope < -1e-12].max(initial=-np.inf)))
@@ -136,7 +138,7 @@ def cast_ray(shape: Tetrahedra, point: int, centre: Array, soft: float) -> tuple
     for (_, far, cell), (_, _, following) in pairwise(spans):
         if far >= length:
             return cell, passed
-        face = int(np.flatnonzero(shape.neighbours[following] == cell)[0])
+        face = int(np.flatnonzero(tetrahedra.neighbours[following] == cell)[0])
         passed.append((following, face, 1 - float(np.exp(-(far**2) / (2 * soft**2)))))
     return spans[-1][2], passed
 
@@ -209,20 +211,20 @@ def snap_to_planes(points: Array, planes: Array, near: Array, options: PlaneOpti
     return out
 
 
-def face_planes(shape: Tetrahedra) -> Array:
+def face_planes(tetrahedra: Tetrahedra) -> Array:
     """Compute outward unit normals and offsets of the faces opposite of each corner, [T, 4, 4]."""
-    result = np.empty((len(shape.corners), 4, 4))
+    result = np.empty((len(tetrahedra.corners), 4, 4))
     for k, corners in enumerate(FACE_CORNERS):
-        a, b, c = (shape.points[shape.corners[:, n]] for n in corners)
+        a, b, c = (tetrahedra.points[tetrahedra.corners[:, n]] for n in corners)
         n = np.cross(b - a, c - a)
         n /= np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300)
         result[:, k, :3], result[:, k, 3] = n, -(n * a).sum(1)
     return result
 
 
-def around(shape: Tetrahedra, point: int) -> NDArray[np.int64]:
+def around(tetrahedra: Tetrahedra, point: int) -> NDArray[np.int64]:
     """Return the tetrahedra around a point, ascending."""
-    return np.flatnonzero((shape.corners == point).any(1))
+    return np.flatnonzero((tetrahedra.corners == point).any(1))
 
 
 def tetrahedron_neighbours(corners: NDArray[np.int32]) -> NDArray[np.int32]:

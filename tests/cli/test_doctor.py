@@ -9,8 +9,7 @@ import pytest
 
 from mgf_engine.cli import doctor
 from mgf_engine.cli.main import main
-from mgf_engine.masks.segmenters import download
-from mgf_engine.masks.segmenters.download import WeightFile
+from mgf_engine.weights import WEIGHTS, WeightFile
 from tests.support.command_line import mgf
 
 
@@ -32,7 +31,7 @@ def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, 
     assert "LPIPS in reports not measured; 'mgf weights --model lpips-alex' fetches" in said
     monkeypatch.setattr(doctor, "is_installed", lambda module: True)
     files = tuple(WeightFile(n, 3, hashlib.sha256(b"vgg").hexdigest()) for n in ("vgg16.pth", "vgg.pth"))
-    monkeypatch.setitem(download.WEIGHTS, "lpips-vgg", files)
+    monkeypatch.setitem(WEIGHTS, "lpips-vgg", files)
     for file in files:
         (tmp_path / file.name).write_bytes(b"vgg")
     assert main(["doctor", "--weights", str(tmp_path)]) == 0
@@ -64,7 +63,7 @@ def test_doctor_names_the_segmenter_and_how_to_get_the_other(tmp_path: Path, mon
     said = capsys.readouterr().out
     assert "random walker" in said and "'mgf weights' fetches" in said and "(41 MB, Apache-2.0)" in said
     files = tuple(WeightFile(n, 3, hashlib.sha256(b"onx").hexdigest()) for n in ("encoder.onnx", "decoder.onnx"))
-    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
+    monkeypatch.setitem(WEIGHTS, "vitt", files)
     for file in files:
         (tmp_path / file.name).write_bytes(b"onx")
     assert main(["doctor", "--weights", str(tmp_path)]) == 0

@@ -18,8 +18,7 @@ from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.images import score
 from mgf_engine.evaluation.lpips import MIN_SIDE, NETWORKS, Lpips, find_lpips, read_lpips
-from mgf_engine.masks.segmenters import download
-from mgf_engine.masks.segmenters.download import WeightFile
+from mgf_engine.weights import WEIGHTS, WeightFile
 
 VARIABLE = "MGF_TEST_LPIPS"
 #: Network -> channels of each convolution, the numbers of its weights, its windows, and what is compared.
@@ -43,7 +42,7 @@ def small_weights(network: str, folder: Path) -> tuple[Path, Path]:
         before = count // 8
     linear = {f"lin{k}.model.1.weight": torch.rand(1, channels[layer] // 8, 1, 1, generator=generator)
               for k, layer in enumerate(compared)}  # fmt: skip
-    paths = tuple(folder / file.name for file in download.WEIGHTS[network])
+    paths = tuple(folder / file.name for file in WEIGHTS[network])
     folder.mkdir(parents=True, exist_ok=True)
     torch.save(trunk, paths[0])
     torch.save(linear, paths[1])
@@ -54,7 +53,7 @@ def install(network: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     """The small weights, known by their own checksums."""
     paths = small_weights(network, folder)
     files = tuple(WeightFile(p.name, p.stat().st_size, hashlib.sha256(p.read_bytes()).hexdigest()) for p in paths)
-    monkeypatch.setitem(download.WEIGHTS, network, files)
+    monkeypatch.setitem(WEIGHTS, network, files)
     return folder
 
 
@@ -127,7 +126,7 @@ def test_the_box_of_the_mask_and_the_whole_frame(tmp_path: Path) -> None:
 
 
 def test_weights_are_found_checked_and_never_fetched_by_themselves(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(download, "_fetch", lambda *a: pytest.fail("fetched"))
+    monkeypatch.setattr("mgf_engine.weights._fetch", lambda *a: pytest.fail("fetched"))
     assert find_lpips(tmp_path) is None
     folder = install("lpips-vgg", tmp_path / "here", monkeypatch)
     assert find_lpips(folder).name == "VGG-16"

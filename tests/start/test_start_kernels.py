@@ -101,43 +101,43 @@ def test_beyond_the_frame_of_a_smaller_photo_nothing_is_asked(variant: None) -> 
 
 
 @pytest.fixture(scope="module")
-def shape() -> Tetrahedra:
+def tetrahedra() -> Tetrahedra:
     points = np.random.default_rng(2).random((40, 3))
     return Tetrahedra(points, orient_positive(points, delaunay(points)))
 
 
 def test_the_tables_are_those_of_the_reference(variant: None) -> None:
     points = np.random.default_rng(3).random((3000, 3))
-    shape = Tetrahedra(points, delaunay(points))
-    first, listed = shape.around()
+    tetrahedra = Tetrahedra(points, delaunay(points))
+    first, listed = tetrahedra.around()
     for point in range(0, len(points), 37):
-        assert np.array_equal(listed[first[point] : first[point + 1]], reference.around(shape, point))
-    assert len(listed) == first[-1] == 4 * len(shape.corners)
-    assert np.array_equal(shape.neighbours, reference.tetrahedron_neighbours(shape.corners))
+        assert np.array_equal(listed[first[point] : first[point + 1]], reference.around(tetrahedra, point))
+    assert len(listed) == first[-1] == 4 * len(tetrahedra.corners)
+    assert np.array_equal(tetrahedra.neighbours, reference.tetrahedron_neighbours(tetrahedra.corners))
 
 
-def test_neighbours_share_three_corners(shape: Tetrahedra) -> None:
-    for cell, row in enumerate(shape.neighbours):
+def test_neighbours_share_three_corners(tetrahedra: Tetrahedra) -> None:
+    for cell, row in enumerate(tetrahedra.neighbours):
         for k, other in enumerate(row):
-            corners = set(np.delete(shape.corners[cell], k))
-            holders = [c for c, tetra in enumerate(shape.corners) if corners <= set(tetra) and c != cell]
+            corners = set(np.delete(tetrahedra.corners[cell], k))
+            holders = [c for c, tetra in enumerate(tetrahedra.corners) if corners <= set(tetra) and c != cell]
             assert holders == ([] if other < 0 else [other])
 
 
-def test_rays_pass_the_cells_that_the_reference_finds(shape: Tetrahedra, variant: None) -> None:
+def test_rays_pass_the_cells_that_the_reference_finds(tetrahedra: Tetrahedra, variant: None) -> None:
     centres = np.array([[0.5, 0.5, 3.0], [-2.0, 0.4, 0.3]])
-    inner = np.argsort(np.abs(shape.points - 0.5).max(1))[:8].astype(np.int32)  # none at the rim
+    inner = np.argsort(np.abs(tetrahedra.points - 0.5).max(1))[:8].astype(np.int32)  # none at the rim
     for number, centre in enumerate(centres):
         for point in inner:
-            free, solid = np.zeros(len(shape.corners), np.int32), np.zeros(len(shape.corners), np.int32)
-            face = np.zeros((len(shape.corners), 4), np.int32)
+            free, solid = np.zeros(len(tetrahedra.corners), np.int32), np.zeros(len(tetrahedra.corners), np.int32)
+            face = np.zeros((len(tetrahedra.corners), 4), np.int32)
             one = np.ones(1, np.float32)
-            with shape.kernel_table(from_points=True) as table:
+            with tetrahedra.kernel_table(from_points=True) as table:
                 parallel(
                     "mgf_tetra_rays", 1, table, np.array([point], np.int32), np.array([number], np.int32),
                     centres, one, 0 * one, 0.1, 0.2, free, solid, face,
                 )  # fmt: skip
-            cell, passed = reference.cast_ray(shape, int(point), centre, 0.1)
+            cell, passed = reference.cast_ray(tetrahedra, int(point), centre, 0.1)
             assert free[cell] == 1024 and free.sum() == 1024 and not solid.any()
             want = np.zeros_like(face)
             for c, k, weight in passed:
@@ -145,30 +145,30 @@ def test_rays_pass_the_cells_that_the_reference_finds(shape: Tetrahedra, variant
             assert np.abs(face - want).max() <= 1
 
 
-def test_what_lies_behind_a_point_is_inside(shape: Tetrahedra, variant: None) -> None:
-    point = int(np.argmin(np.abs(shape.points - 0.5).max(1)))
+def test_what_lies_behind_a_point_is_inside(tetrahedra: Tetrahedra, variant: None) -> None:
+    point = int(np.argmin(np.abs(tetrahedra.points - 0.5).max(1)))
     centre = np.array([[0.5, 0.5, 3.0]])
-    d = shape.points[point] - centre[0]
-    behind = shape.points[point] + 0.05 * d / np.linalg.norm(d)
-    solid, face = np.zeros(len(shape.corners), np.int32), np.zeros((len(shape.corners), 4), np.int32)
+    d = tetrahedra.points[point] - centre[0]
+    behind = tetrahedra.points[point] + 0.05 * d / np.linalg.norm(d)
+    solid, face = np.zeros(len(tetrahedra.corners), np.int32), np.zeros((len(tetrahedra.corners), 4), np.int32)
     one = np.ones(1, np.float32)
-    with shape.kernel_table(from_points=True) as table:
+    with tetrahedra.kernel_table(from_points=True) as table:
         parallel(
             "mgf_tetra_rays", 1, table, np.array([point], np.int32), np.zeros(1, np.int32), centre, one, one,
             0.1, 0.05, np.zeros_like(solid), solid, face,
         )  # fmt: skip
-    planes = reference.face_planes(shape)
+    planes = reference.face_planes(tetrahedra)
     holds = (np.einsum("tkj,j->tk", planes[..., :3], behind) + planes[..., 3] <= 1e-9).all(1)
     assert (np.flatnonzero(solid) == np.flatnonzero(holds)).all() and solid.sum() == 1024
 
 
-def test_pulled_rays_share_their_weight_by_length(shape: Tetrahedra, variant: None) -> None:
+def test_pulled_rays_share_their_weight_by_length(tetrahedra: Tetrahedra, variant: None) -> None:
     start = np.array([[0.5, 0.5, 0.5]])
     direction = np.array([[0.36, 0.48, 0.8]])
-    shut = np.zeros(len(shape.corners), np.uint8)
+    shut = np.zeros(len(tetrahedra.corners), np.uint8)
     long, short = np.zeros(len(shut), np.int32), np.zeros(len(shut), np.int32)
     outside = np.zeros(len(shut), np.int32)
-    with shape.kernel_table() as table:
+    with tetrahedra.kernel_table() as table:
         parallel("mgf_tetra_pull", 1, table, start, direction, shut, 0.5, 10.0, long)
         parallel("mgf_tetra_pull", 1, table, start, direction, shut, 0.5, 1e-3, short)
         parallel("mgf_tetra_pull", 1, table, start + 9, direction, shut, 0.5, 10.0, outside)

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.base import Hints
-from mgf_engine.masks.segmenters.download import WeightFile
+from mgf_engine.weights import WEIGHTS, WeightFile
 from support.small_sam import write_pair
 
 
@@ -27,9 +26,9 @@ def iou(a: np.ndarray, b: np.ndarray) -> float:
 
 def install(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Put the small pair where the real weights would be, with its own sizes and checksums."""
-    names = [f.name for f in download.WEIGHTS["vitt"]]
+    names = [f.name for f in WEIGHTS["vitt"]]
     paths = write_pair(folder, *names)
     files = tuple(
         WeightFile(p.name, p.stat().st_size, hashlib.sha256(p.read_bytes()).hexdigest()) for p in paths
     )  # fmt: skip
-    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
+    monkeypatch.setitem(WEIGHTS, "vitt", files)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from mgf_engine.masks.segmenters.download import default_folder
 from mgf_engine.native.cuda.gpu import cache_folder
 from mgf_engine.system.machine import peak_memory, user_cache, versions
+from mgf_engine.weights import default_folder
 
 
 def test_figures_of_the_machine() -> None:

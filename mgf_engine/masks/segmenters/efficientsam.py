@@ -41,7 +41,7 @@ class EfficientSam:
     """The segmenter; safe to call from several threads.
 
     Args:
-        encoder, decoder: ONNX files, see :mod:`mgf_engine.masks.segmenters.download`.
+        encoder, decoder: ONNX files, see :mod:`mgf_engine.weights`.
         cache: folder for embeddings, kept between runs; 2 MB per photo.
         threads: of ONNX Runtime.
         gpu: use a GPU provider where ONNX Runtime offers one.

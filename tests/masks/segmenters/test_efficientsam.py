@@ -16,14 +16,14 @@ from benchmarks.synthetic.house import House
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.build import build_masks, choose_segmenter
 from mgf_engine.masks.elements import sam_elements
-from mgf_engine.masks.segmenters import download
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam, point_prompts, sample_spread_points
-from mgf_engine.masks.segmenters.notice import describe_used_segmenter
+from mgf_engine.masks.segmenters.messages import describe_used_segmenter
 from mgf_engine.masks.segmenters.random_walker import RandomWalker
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.config import make_config
+from mgf_engine.weights import WEIGHTS
 
 RED, GREEN = (200, 60, 50), (60, 150, 70)
 
@@ -159,7 +159,7 @@ def test_choice_of_the_segmenter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert isinstance(choose_segmenter(auto, tmp_path), EfficientSam)
     plain = make_config({"weights": str(folder), "segmenter": "random_walker"})
     assert isinstance(choose_segmenter(plain, tmp_path), RandomWalker)
-    encoder = folder / download.WEIGHTS["vitt"][0].name
+    encoder = folder / WEIGHTS["vitt"][0].name
     encoder.write_bytes(encoder.read_bytes()[:-1] + b"x")
     with pytest.raises(BadInput, match="damaged or of another version"):
         choose_segmenter(auto, tmp_path)

@@ -17,11 +17,11 @@ from support.segmenters import install, iou
 
 from benchmarks.synthetic.house import House
 from mgf_engine.masks.build import build_masks
-from mgf_engine.masks.segmenters.download import find_weights
-from mgf_engine.masks.segmenters.notice import describe_used_segmenter
+from mgf_engine.masks.segmenters.messages import describe_used_segmenter
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.config import make_config
+from mgf_engine.weights import find_weights
 from tests.masks.conftest import quiet
 
 VARIABLE = "MGF_TEST_WEIGHTS"

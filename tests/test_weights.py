@@ -10,9 +10,8 @@ import pytest
 
 from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
-from mgf_engine.masks.segmenters import download
-from mgf_engine.masks.segmenters.download import WeightFile, download_weights, find_weights
 from mgf_engine.messages import Message, Reporter
+from mgf_engine.weights import WEIGHTS, WeightFile, download_weights, find_weights
 
 CONTENT = {
     name: np.random.default_rng(i).bytes(3_000_000 + i) for i, name in enumerate(("encoder.onnx", "decoder.onnx"))
@@ -59,7 +58,7 @@ class Handler(BaseHTTPRequestHandler):
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     files = tuple(WeightFile(n, len(d), hashlib.sha256(d).hexdigest()) for n, d in CONTENT.items())
-    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
+    monkeypatch.setitem(WEIGHTS, "vitt", files)
     server = Server()
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
@@ -137,7 +136,7 @@ def test_damaged_files_in_the_folder(server: Server, tmp_path: Path):
 
 
 def test_published_checksums_are_whole():
-    for files in (download.WEIGHTS["vitt"], download.WEIGHTS["vits"]):
+    for files in (WEIGHTS["vitt"], WEIGHTS["vits"]):
         for file in files:
             assert len(file.sha256) == 64 and int(file.sha256, 16) and file.size > 1e7
 
@@ -146,7 +145,7 @@ def test_published_checksums_are_whole():
 def stick(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder that holds the two files, the decoder under a name of its own."""
     files = tuple(WeightFile(n, len(d), hashlib.sha256(d).hexdigest()) for n, d in CONTENT.items())
-    monkeypatch.setitem(download.WEIGHTS, "vitt", files)
+    monkeypatch.setitem(WEIGHTS, "vitt", files)
     folder = tmp_path / "stick"
     folder.mkdir()
     (folder / "encoder.onnx").write_bytes(CONTENT["encoder.onnx"])

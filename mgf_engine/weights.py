@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Weights of networks (EfficientSAM, and LPIPS for reports): where they lie, how they are fetched once and checked."""
+"""Fetch the weights of networks (EfficientSAM, and LPIPS for reports) once, find them again, and check them."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from mgf_engine.masks.segmenters.download import WEIGHTS, find_weights
+from mgf_engine.weights import WEIGHTS, find_weights
 
 TITLES = {"efficientsam": "EfficientSAM", "random_walker": "random walker, which needs no weights"}
 
