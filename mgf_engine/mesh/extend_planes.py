@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.clean import open_edges
 from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.planar import Flattened
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, smooth_borders, undo_folds
@@ -108,8 +109,7 @@ def _face_labels(mesh: Mesh, label: NDArray[np.int32]) -> NDArray[np.int32]:
 def _on_border(mesh: Mesh) -> NDArray[np.bool_]:
     """Tell which vertices [N] lie on an open edge; smoothing would draw the surface in."""
     border = np.zeros(len(mesh.vertices), bool)
-    face, corner = np.nonzero(mesh.adjacency.open_edges())
-    border[mesh.faces[face, corner]] = border[mesh.faces[face, (corner + 1) % 3]] = True
+    border[np.concatenate(open_edges(mesh))] = True
     return border
 
 

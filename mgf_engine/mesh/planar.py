@@ -118,37 +118,59 @@ def _moves(
 
     Also return which vertices go the whole way, bool [N], and into which plane those with one go, int32 [N], else -1.
     """
-    count, total = len(planes.normals), len(pixel)
-    several = np.bincount(near, minlength=total) > 1
-    labelled = np.flatnonzero(label >= 0)
-    key = np.unique(mesh.faces[labelled].astype(np.int64) * count + label[labelled, None])
-    vertex, plane = np.divmod(key, count)
+    total = len(pixel)
+    vertex, plane = _planes_at_vertices(mesh, label, len(planes.normals))
     off = planes.distances(mesh.vertices[vertex], plane)
+    several = np.bincount(near, minlength=total) > 1
     noise = np.minimum(options.sigmas * planes.noise[plane], options.band)
     reach = np.where(several[vertex], options.band, noise) * pixel[vertex]
     times = np.bincount(vertex, minlength=total)
     one = times[vertex] == 1
     # A fixed vertex next to a moved one would make a step: vertices a little farther away move by a share.
     share = np.clip(2 - np.abs(off) / np.maximum(reach, 1e-300), 0, 1)
-    far = np.zeros(total, bool)
+    far = times > 3
     far[vertex[~one & (np.abs(off) > reach)]] = True
-    place = np.arange(len(vertex)) - (np.cumsum(times) - times)[vertex]
-    moves = np.zeros((total, 3))
     if relief is not None:
         off[one] -= relief.heights(mesh, pixel, planes, vertex[one], plane[one])
+    moves = np.zeros((total, 3))
     moves[vertex[one]] = -(share * off)[one, None] * planes.normals[plane[one]]
-    far |= times > 3
     more = ~one & ~far[vertex]
-    rows, at = np.unique(vertex[more], return_inverse=True)
-    matrix, want = np.zeros((len(rows), 3, 3)), np.zeros((len(rows), 3))
-    matrix[at, place[more]], want[at, place[more]] = planes.normals[plane[more]], -off[more]
-    if len(rows):
-        moves[rows] = np.einsum("nij,nj->ni", np.linalg.pinv(matrix, rcond=PARALLEL), want)
+    on_crease, moves_to_crease = _moves_to_creases(planes, vertex[more], plane[more], off[more])
+    moves[on_crease] = moves_to_crease
     far |= np.linalg.norm(moves, axis=1) > np.where(times > 1, options.crease_move, options.band) * pixel
     moves[far] = 0
     alone = one & (share == 1) & ~far[vertex]
     own = np.full(total, -1, np.int32)
     own[vertex[alone]] = plane[alone]
     inside = own >= 0
-    inside[rows] = ~far[rows]
+    inside[on_crease] = ~far[on_crease]
     return moves, inside, own
+
+
+def _planes_at_vertices(
+    mesh: Mesh, label: NDArray[np.int32], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs [K] of a vertex and one of the ``count`` planes of its faces, ordered by vertex."""
+    labelled = np.flatnonzero(label >= 0)
+    key = np.unique(mesh.faces[labelled].astype(np.int64) * count + label[labelled, None])
+    return np.divmod(key, count)
+
+
+def _moves_to_creases(
+    planes: Planes, vertex: NDArray[np.int64], plane: NDArray[np.int64], off: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return vertices of two or three planes, [V], and their shortest moves onto the crease or corner of these, [V, 3].
+
+    Args:
+        planes: found on the mesh.
+        vertex: of each pair of a vertex and a plane, ascending, [K].
+        plane: of each pair, [K].
+        off: distance of the vertex from the plane, [K].
+    """
+    rows, first, at = np.unique(vertex, return_index=True, return_inverse=True)
+    if not len(rows):
+        return rows, np.zeros((0, 3))
+    place = np.arange(len(vertex)) - first[at]
+    normals, distances = np.zeros((len(rows), 3, 3)), np.zeros((len(rows), 3))
+    normals[at, place], distances[at, place] = planes.normals[plane], -off
+    return rows, np.einsum("nij,nj->ni", np.linalg.pinv(normals, rcond=PARALLEL), distances)

@@ -51,7 +51,15 @@ class Planes:
 
 @dataclass(frozen=True)
 class MeshFaces:
-    """Faces of a mesh as region growing needs them; lengths in the mesh's units, ``area`` in square ground pixels."""
+    """Faces of a mesh as region growing needs them.
+
+    Attributes:
+        centre: in the mesh's units, [F, 3].
+        normal: unit, from smoothed vertex normals, [F, 3].
+        pixel: size of a ground pixel in the mesh's units, [F].
+        area: in square ground pixels, [F].
+        pairs: faces that share an edge, [2, E].
+    """
 
     mesh: Mesh
     centre: NDArray[np.float64]

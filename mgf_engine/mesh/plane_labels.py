@@ -125,30 +125,46 @@ def fill_islands(
     Returns:
         The labels with those of the groups, [N].
     """
-    area, given = _areas(mesh, pixel), label
-    label = np.where(label >= 0, label, flat)
+    known = np.where(label >= 0, label, flat)
+    free = known < 0
+    group, around, plane = _islands(mesh, known)
+    count = int(group.max(initial=-1)) + 1
+    frequent = _most_frequent(around, plane, count, len(planes.normals))
+    total = np.bincount(around, minlength=count)
+    sums = np.stack([np.bincount(around, planes.normals[plane, k], count) for k in range(3)], 1)
+    parallel = np.linalg.norm(sums, axis=1) > np.cos(np.radians(options.crease / 4)) * np.maximum(total, 1)
+    small = np.bincount(group, _areas(mesh, pixel), count) < options.island_area
+    rows = np.flatnonzero(free & (parallel & (total > 0) & small)[group])
+    own = frequent[group[rows]]
+    height = np.zeros(count)
+    np.maximum.at(height, group[rows], np.abs(planes.distances(mesh.vertices[rows], own)) / pixel[rows])
+    low = height[group[rows]] < options.island_height
+    filled = label.copy()
+    filled[rows[low]] = own[low]
+    return filled
+
+
+def _islands(mesh: Mesh, label: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32], Index]:
+    """Group connected vertices without plane.
+
+    Returns:
+        The group of each vertex [N], those with a plane alone in theirs; and of each edge between a group and a plane
+        the group and the plane, [E] each.
+    """
     start, neighbour = mesh.adjacency.neighbours()
     vertex, free = np.repeat(np.arange(len(label)), np.diff(start)), label < 0
     inside, rim = free[vertex] & free[neighbour], free[vertex] & ~free[neighbour]
     group = label_components(len(label), vertex[inside], neighbour[inside])
-    count = int(group.max(initial=-1)) + 1
-    around, plane = group[vertex[rim]], label[neighbour[rim]].astype(np.int64)
-    keys, times = np.unique(around.astype(np.int64) * len(planes.normals) + plane, return_counts=True)
+    return group, group[vertex[rim]], label[neighbour[rim]].astype(np.int64)
+
+
+def _most_frequent(group: NDArray[np.integer], plane: Index, groups: int, planes: int) -> NDArray[np.int32]:
+    """Return the most frequent plane of each group, of pairs [E], int32 [groups]; -1 for groups without."""
+    keys, times = np.unique(group.astype(np.int64) * planes + plane, return_counts=True)
     order = np.argsort(times, kind="stable")
-    frequent = np.full(count, -1, np.int32)
-    frequent[keys[order] // len(planes.normals)] = keys[order] % len(planes.normals)  # the last one written stays
-    total = np.bincount(around, minlength=count)
-    sums = np.stack([np.bincount(around, planes.normals[plane, k], count) for k in range(3)], 1)
-    even = np.linalg.norm(sums, axis=1) > np.cos(np.radians(options.crease / 4)) * np.maximum(total, 1)
-    rows = np.flatnonzero(free & (even & (total > 0) & (np.bincount(group, area, count) < options.island_area))[group])
-    height = np.zeros(count)
-    np.maximum.at(
-        height, group[rows], np.abs(planes.distances(mesh.vertices[rows], frequent[group[rows]])) / pixel[rows]
-    )
-    rows = rows[height[group[rows]] < options.island_height]
-    filled = given.copy()
-    filled[rows] = frequent[group[rows]]
-    return filled
+    frequent = np.full(groups, -1, np.int32)
+    frequent[keys[order] // planes] = keys[order] % planes  # the last one written stays
+    return frequent
 
 
 def _areas(mesh: Mesh, pixel: Array) -> Array:
