@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from benchmarks.synthetic.meshes import merged
 from mgf_engine.geometry.rasterize import render_mesh
@@ -26,7 +27,8 @@ from mgf_engine.model.scene import View
 WIDTH, HEIGHT, FOCAL = 240, 180, 220.0
 OFFSET = np.array([100.0, -40.0, 7.0])  # the house does not stand at the origin
 _SUPERSAMPLE = 2
-#: Points [H, W, 3], faces [H, W] and the number of the house's faces -> RGB [H, W, 3].
+_SKY = (150, 190, 235)
+#: Points [..., 3], their faces [...] and the number of the house's faces -> RGB [..., 3].
 Paint = Callable[[NDArray[np.float64], NDArray[np.int32], int], NDArray[np.uint8]]
 
 
@@ -133,9 +135,10 @@ def photograph_faces(
     buffers = render_mesh(both, large)
     y, x = np.mgrid[: large.height, : large.width] + 0.5
     rays = np.stack([(x - large.cx) / large.fx, (y - large.cy) / large.fy, np.ones_like(x)], -1)
-    points = (rays * buffers.depth[..., None] - view.translation) @ view.rotation
-    picture = (painted or paint)(points, buffers.face, house_faces)
-    picture[buffers.face < 0] = (150, 190, 235)
+    shown = buffers.face >= 0
+    points = (rays[shown] * buffers.depth[shown, None] - view.translation) @ view.rotation
+    picture = np.full((*shown.shape, 3), _SKY, np.uint8)
+    picture[shown] = (painted or paint)(points, buffers.face[shown], house_faces)
     small = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
     return small.astype(np.uint8), buffers.face
 
@@ -159,17 +162,10 @@ def paint(points: NDArray[np.float64], face: NDArray[np.int32], house_faces: int
 def solid_noise(points: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
     """Trilinear value noise in 0..1 at points [..., 3]."""
     lattice = np.random.default_rng(seed).random((32, 32, 32))
-    cell = np.floor(points).astype(int)
+    cell = np.floor(points)
     t = points - cell
-    t = t * t * (3 - 2 * t)
-    weights = np.moveaxis(np.stack([1 - t, t]), -1, 0)
-    rows = np.moveaxis(np.stack([cell, cell + 1]) & 31, -1, 0) * np.array([1024, 32, 1]).reshape(3, *[1] * t.ndim)
-    flat, result = lattice.ravel(), np.zeros(points.shape[:-1])
-    for i, j in np.ndindex(2, 2):
-        weight, row = weights[0, i] * weights[1, j], rows[0, i] + rows[1, j]
-        for k in range(2):
-            result += weight * weights[2, k] * flat.take(row + rows[2, k])
-    return result
+    at = np.moveaxis(cell + t * t * (3 - 2 * t), -1, 0)  # smoothly from one lattice point to the next
+    return np.asarray(map_coordinates(lattice, at, order=1, mode="grid-wrap", prefilter=False))
 
 
 def write_model(

@@ -11,22 +11,25 @@ import igl
 import numpy as np
 import pytest
 import trimesh
+from support.plain_start import PlainStart
 
 from benchmarks.synthetic.plain_house import PlainHouse
 from mgf_engine.geometry.clean import face_areas
-from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.start import block_cuts
-from mgf_engine.start.block_cuts import clip_to_block, thin_evidence
+from mgf_engine.start.block_cuts import Cut, clip_to_block, cut_in_blocks, thin_evidence
 from mgf_engine.start.evidence import Evidence
-from mgf_engine.start.options import CutOptions, StartOptions
-from mgf_engine.start.surface import StartSurface, start_surface
+from mgf_engine.start.options import CutOptions
 from mgf_engine.system import memory
 
 
-def surface(house: PlainHouse, count: int, reporter: Reporter | None = None) -> StartSurface:
-    options = replace(StartOptions(), cut=replace(CutOptions(), blocks=count))
-    return start_surface(house.scene, house.masks, range(16), reporter or Reporter(), 2, options)
+def in_blocks(start: PlainStart, count: int, **more: float) -> Cut:
+    """The surface in so many cuts, each of which is told."""
+    said: list[str] = []
+    options = replace(CutOptions(), blocks=count, **more)
+    made = cut_in_blocks(start.views, start.evidence, options, lambda: None, said.append)
+    assert said == [f"{k} of {count}" for k in range(1, count + 1)]
+    return made
 
 
 def off(points: np.ndarray, mesh: Mesh) -> np.ndarray:
@@ -38,78 +41,38 @@ def samples(mesh: Mesh) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def whole(plain_house: PlainHouse) -> tuple[StartSurface, int]:
-    """The surface in one cut, and the points that it was cut from."""
-    counts: list[int] = []
-
-    def cut(views, evidence, options, check):
-        counts.append(len(evidence.points))
-        return whole_cut(views, evidence, options, check)
-
-    whole_cut = block_cuts.cut_surface
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(block_cuts, "cut_surface", cut)
-        patch.setattr(block_cuts, "make_grid", None)  # one block makes none
-        made = surface(plain_house, 1)
-    (count,) = counts
-    return made, count
-
-
-def in_blocks(house: PlainHouse, count: int) -> StartSurface:
-    """The surface in so many cuts, each of which is told."""
-    said: list[str] = []
-    reporter = Reporter(lambda m: said.append(m["figures"].get("block")) if m["type"] == "progress" else None,
-                        min_interval=0.0)  # fmt: skip
-    reporter.stage("field")
-    made = surface(house, count, reporter)
-    assert [block for block in said if block] == [f"{k} of {count}" for k in range(1, count + 1)]
-    return made
-
-
-@pytest.fixture(scope="module")
-def halves(plain_house: PlainHouse, tmp_path_factory: pytest.TempPathFactory) -> tuple[StartSurface, Path]:
-    """The surface in two cuts, and the folder in which each was kept as soon as it was made."""
-    folder = tmp_path_factory.mktemp("halves")
+def quarters(plain_start: PlainStart, tmp_path_factory: pytest.TempPathFactory) -> tuple[Cut, Path]:
+    """The surface in four cuts, and the folder in which each was kept as soon as it was made."""
+    folder = tmp_path_factory.mktemp("quarters")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(memory, "_scratch", folder)
-        return in_blocks(plain_house, 2), folder
+        return in_blocks(plain_start, 4), folder
 
 
-@pytest.mark.parametrize("count", [2, 4])
 def test_blocks_make_the_surface_of_the_whole(
-    plain_house: PlainHouse, whole: tuple[StartSurface, int], halves: tuple[StartSurface, Path], count: int
+    plain_house: PlainHouse, plain_start: PlainStart, quarters: tuple[Cut, Path]
 ) -> None:
-    once, parts = whole[0], halves[0] if count == 2 else in_blocks(plain_house, count)
-    assert face_areas(parts.mesh).sum() == pytest.approx(face_areas(once.mesh).sum(), rel=0.03)
-    assert len(parts.confidence) == len(parts.mesh.faces)
-    for mesh, other in ((once.mesh, parts.mesh), (parts.mesh, once.mesh)):  # no gap, nothing more
+    once, (parts, strength) = plain_start.surface, quarters[0]
+    assert face_areas(parts).sum() == pytest.approx(face_areas(once.mesh).sum(), rel=0.03)
+    assert len(strength) == len(parts.faces)
+    for mesh, other in ((once.mesh, parts), (parts, once.mesh)):  # no gap, nothing more
         assert np.quantile(off(samples(mesh), other), 0.98) < 2 * once.pixel
-    near = [np.mean(off(samples(mesh), plain_house.truth) < 2 * once.pixel) for mesh in (once.mesh, parts.mesh)]
+    near = [np.mean(off(samples(mesh), plain_house.truth) < 2 * once.pixel) for mesh in (once.mesh, parts)]
     assert near[1] > near[0] - 0.02
 
 
-class _Enough(Exception):
-    """Raised in place of the last cut."""
-
-
-def test_each_cut_sees_the_rest_of_the_building_coarsely(
-    plain_house: PlainHouse, whole: tuple[StartSurface, int], monkeypatch
-) -> None:
+def test_each_cut_sees_the_rest_of_the_building_coarsely(plain_start: PlainStart, monkeypatch) -> None:
     """Counts what each cut is given; the surface of such cuts is tested above."""
     counts: list[int] = []
     triangle = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
 
     def cut(views, evidence, options, check):
         counts.append(len(evidence.points))
-        if len(counts) == 4:
-            raise _Enough
         return triangle, np.ones(1, np.float32)
 
     monkeypatch.setattr(block_cuts, "cut_surface", cut)
-    options = replace(StartOptions(), cut=replace(CutOptions(), blocks=4, margin=10.0, coarse=30.0))
-    with pytest.raises(_Enough):
-        start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2, options)
-    assert max(counts) < 0.6 * whole[1]
+    in_blocks(plain_start, 4, margin=10.0, coarse=30.0)
+    assert len(counts) == 4 and max(counts) < 0.6 * len(plain_start.evidence.points)
 
 
 def test_points_beyond_the_margin_are_merged_and_keep_their_views() -> None:
@@ -135,17 +98,15 @@ def test_faces_are_cut_at_the_block_and_keep_their_strength() -> None:
 
 
 def test_blocks_that_are_done_are_not_cut_again(
-    plain_house: PlainHouse, halves: tuple[StartSurface, Path], monkeypatch, tmp_path
+    plain_start: PlainStart, quarters: tuple[Cut, Path], monkeypatch, tmp_path
 ) -> None:
-    first = halves[0]
-    shutil.copytree(halves[1], tmp_path, dirs_exist_ok=True)
+    first, strength = quarters[0]
+    shutil.copytree(quarters[1], tmp_path, dirs_exist_ok=True)
     monkeypatch.setattr(memory, "_scratch", tmp_path)
     sorted((tmp_path / "blocks" / "start").iterdir())[1].unlink()
     cuts: list[int] = []
     whole_cut = block_cuts.cut_surface
     monkeypatch.setattr(block_cuts, "cut_surface", lambda *given: cuts.append(1) or whole_cut(*given))
-    again = surface(plain_house, 2)
+    again, strength_again = in_blocks(plain_start, 4)
     assert len(cuts) == 1
-    assert np.array_equal(again.mesh.vertices, first.mesh.vertices) and np.array_equal(
-        again.confidence, first.confidence
-    )
+    assert np.array_equal(again.vertices, first.vertices) and np.array_equal(strength_again, strength)

@@ -11,23 +11,25 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from support.plain_start import PlainStart
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 from mgf_engine.errors import BadInput, Cancelled
 from mgf_engine.masks.geometry.visual_hull import hull_cells, with_hull_points
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.start import samples
+from mgf_engine.start import samples, surface
 from mgf_engine.start.cut_graph import StrongestPlane
 from mgf_engine.start.evidence import Evidence
+from mgf_engine.start.options import CutOptions, StartOptions
 from mgf_engine.start.samples import poisson_disk_subset, sample_poisson_disk, sample_surface
 from mgf_engine.start.store import read_start, write_start
 from mgf_engine.start.surface import StartSurface, start_surface
 
 
-@pytest.fixture(scope="module")
-def found(plain_house: PlainHouse) -> StartSurface:
-    return start_surface(plain_house.scene, plain_house.masks, range(16), Reporter(), 2)
+@pytest.fixture
+def found(plain_start: PlainStart) -> StartSurface:
+    return plain_start.surface
 
 
 def _off(points: np.ndarray, mesh: Mesh) -> np.ndarray:
@@ -146,14 +148,27 @@ def test_one_photo_is_one_sentence_and_two_give_what_they_show(plain_house: Plai
     with pytest.raises(BadInput):
         start_surface(plain_house.scene, plain_house.masks, [0], Reporter(), 2)
     sent: list[dict] = []
-    two = start_surface(
-        plain_house.scene, plain_house.masks, [0, 1], Reporter(sent.append, min_interval=0), 2, share=1.0
-    )
-    said = [
-        (m["figures"]["start"], m["fraction"]) for m in sent if m["type"] == "progress" and "block" not in m["figures"]
-    ]
-    assert said == [("views", 0.0), ("dense", 0.2), ("lines", 0.4), ("planes", 0.6), ("cut", 0.8)]
+    reporter = Reporter(sent.append, min_interval=0)
+    two = start_surface(plain_house.scene, plain_house.masks, [0, 1], reporter, 2, share=1.0)
+    said = [(m["figures"], m["fraction"]) for m in sent if m["type"] == "progress"]
+    assert [(figures["start"], share) for figures, share in said] == [
+        ("views", 0.0), ("dense", 0.2), ("lines", 0.4), ("planes", 0.6), ("cut", 0.8)
+    ]  # fmt: skip
     assert len(two.mesh.faces) and np.isfinite(two.mesh.vertices).all()
+
+
+def test_blocks_are_progress(plain_house: PlainHouse, plain_start: PlainStart, monkeypatch) -> None:
+    def cut(views, evidence, options, check, began):
+        for number in range(1, options.blocks + 1):
+            began(f"{number} of {options.blocks}")
+        return plain_start.surface.mesh, plain_start.surface.confidence
+
+    monkeypatch.setattr(surface, "cut_in_blocks", cut)
+    sent: list[dict] = []
+    reporter, options = Reporter(sent.append, min_interval=0), replace(StartOptions(), cut=CutOptions(blocks=2))
+    start_surface(plain_house.scene, plain_house.masks, [0, 1], reporter, 2, options)
+    told = [m["figures"] for m in sent if m["type"] == "progress"]
+    assert [figures["block"] for figures in told if "block" in figures] == ["1 of 2", "2 of 2"]
 
 
 def test_a_stop_is_heard(plain_house: PlainHouse) -> None:
