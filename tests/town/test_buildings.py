@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.house import OFFSET
-from benchmarks.synthetic.street import PLACES, Street, build_street, write_footprints
+from benchmarks.synthetic.street import PLACES, Street, write_footprints
 from mgf_engine.cli.main import main
 from mgf_engine.jobs.job import Job
 from mgf_engine.jobs.results import load_scene_of
@@ -26,14 +26,14 @@ from mgf_engine.town.place import place_footprints
 from mgf_engine.town.plan import make_plan
 
 
-@pytest.fixture(scope="module")
-def street(tmp_path_factory: pytest.TempPathFactory) -> Street:
-    return build_street(tmp_path_factory.mktemp("street"))
+@pytest.fixture
+def street(short_street: Street) -> Street:
+    return short_street
 
 
 @pytest.fixture(scope="module")
-def out(street: Street) -> Path:
-    place = street.folder.parent / "town"
+def out(short_street: Street, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    street, place = short_street, tmp_path_factory.mktemp("buildings") / "town"
     assert buildings(street, place) == 0
     return place
 
