@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
@@ -22,8 +23,6 @@ def read_cityjson(data: dict[str, Any], path: Path) -> tuple[list[str], list[Any
     Raises:
         BadInput: the file does not keep to the format.
     """
-    import shapely
-
     try:
         vertices = np.array(data["vertices"], np.float64).reshape(-1, 3)
         if "transform" in data:
@@ -42,8 +41,6 @@ def read_cityjson(data: dict[str, Any], path: Path) -> tuple[list[str], list[Any
 
 def _areas(item: dict[str, Any], vertices: NDArray[np.float64]) -> list[Any]:
     """Return the ground surfaces of an object from above, or all its surfaces where none is called so."""
-    import shapely
-
     ground, other = list[Any](), list[Any]()
     for geometry in item.get("geometry", []):
         depth = _DEPTH.get(geometry["type"])

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -83,8 +84,6 @@ def classify_points(
         metre: length of a metre in the local frame.
         options: distances.
     """
-    import shapely
-
     slack, above = options.hulls.slack * metre, hull.low + options.hulls.above * metre
     around = hull.polygon.buffer(40 * metre)
     near = shapely.contains_xy(around.envelope, points[:, :2])

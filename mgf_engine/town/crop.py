@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.town.hulls import Hull
@@ -36,8 +37,6 @@ def crop_box(
         placed: georeference and length of a metre.
         options: distances to the footprint.
     """
-    import shapely
-
     metre = placed.metre
     box = shapely.oriented_envelope(hull.polygon)
     corners = shapely.get_coordinates(box)[:4]

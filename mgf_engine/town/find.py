@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
@@ -114,8 +115,6 @@ def find_outlines(points: Array, metre: float, options: OutlineOptions = Outline
         metre: length of a metre in the local frame.
         options: least sizes, and planarity of roofs and walls.
     """
-    import shapely
-
     rows = np.flatnonzero(height_over_ground(points, metre, options) > options.hulls.lowest * metre)
     if len(rows) < options.least_points:
         return []
@@ -158,8 +157,6 @@ def outline_of(plan: Array, metre: float, options: OutlineOptions = OutlineOptio
     Plain walls and roofs have points at their edges alone, and walls meet at right angles: gaps are closed along both
     directions of the building, within the convex hull of its concave hull (which leaves single points beside it out).
     """
-    import shapely
-
     hull = shapely.concave_hull(shapely.MultiPoint(plan), ratio=0.25).buffer(0.1 * metre)
     box = np.array(shapely.oriented_envelope(hull).exterior.coords)[:2]
     along = (box[1] - box[0]) / max(float(np.linalg.norm(box[1] - box[0])), 1e-12)

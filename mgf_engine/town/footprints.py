@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
@@ -83,9 +84,8 @@ def _read_with_gdal(path: Path, layer: str) -> tuple[list[str], list[Any], str |
     """Read names, shapes and CRS with GDAL."""
     try:
         import pyogrio
-        import shapely
     except ImportError as error:
-        raise BadInput(f"Footprints need the packages pyogrio and shapely; get them by {TOWN}.") from error
+        raise BadInput(f"Footprints need the package pyogrio, which is not installed; get it by {TOWN}.") from error
     try:
         name = layer or _layer_of_areas(pyogrio.list_layers(path))
         meta, fids, wkb, columns = pyogrio.raw.read(path, layer=name, return_fids=True, force_2d=True)
@@ -108,8 +108,6 @@ def _layer_of_areas(layers: Any) -> str | None:
 
 def _checked(names: list[str], shapes: list[Any], crs: str | None, path: Path) -> Footprints:
     """Keep areas only, made valid, with names that folders can have."""
-    import shapely
-
     ids, polygons, taken = list[str](), list[Any](), set[str]()
     for name, shape in zip(names, shapes, strict=True):
         if shape is None or shape.is_empty:

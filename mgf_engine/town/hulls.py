@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.options.algorithms import parameter
@@ -71,8 +72,6 @@ def make_hulls(
         metre: length of a metre there.
         options: heights over the ground, and what counts as a building.
     """
-    import shapely
-
     flat = shapely.points(points[:, :2])
     tree = shapely.STRtree(flat)
     built = shapely.STRtree(polygons)
@@ -127,8 +126,6 @@ def ground_of(heights: Array) -> float:
 
 def prism(polygon: Any, low: float, high: float) -> tuple[Array, NDArray[np.int32]]:
     """Return walls and roof of a polygon between two heights: vertices [N, 3], faces [F, 3]; no floor."""
-    import shapely
-
     corners, faces, count = [], [], 0
     for part in getattr(polygon, "geoms", [polygon]):
         for ring in (part.exterior, *part.interiors):
@@ -155,8 +152,6 @@ def samples(polygon: Any, low: float, high: float, spacing: float) -> tuple[Arra
         high: height of the roof.
         spacing: distance of the points.
     """
-    import shapely
-
     places, normals = [], []
     levels = max(1, round((high - low) / spacing))
     heights = low + (high - low) * (np.arange(levels) + 0.5) / levels

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
@@ -208,8 +209,6 @@ def transformed(polygons: NDArray[np.object_], source: str, target: str, swap: b
     Raises:
         BadInput: there is no such CRS.
     """
-    import shapely
-
     pyproj = proj()
     try:
         move = pyproj.Transformer.from_crs(source, target, always_xy=True)
@@ -224,14 +223,10 @@ def transformed(polygons: NDArray[np.object_], source: str, target: str, swap: b
 
 
 def _shifted(polygons: NDArray[np.object_], offset: tuple[float, float, float]) -> NDArray[np.object_]:
-    import shapely
-
     return np.asarray(shapely.transform(polygons, lambda points: points - np.array(offset[:2])))
 
 
 def _degrees(polygons: NDArray[np.object_]) -> bool:
-    import shapely
-
     west, south, east, north = shapely.total_bounds(polygons)
     return bool(-180 <= west <= east <= 180 and -90 <= south <= north <= 90)
 
@@ -250,8 +245,6 @@ def _in_metres(crs: str) -> bool:
 
 def near_scene(polygons: NDArray[np.object_], points: Array, metre: float) -> NDArray[np.bool_]:
     """Tell which footprints lie where the sparse points are, bool [N]."""
-    import shapely
-
     low, high = np.percentile(points[:, :2], (0.5, 99.5), axis=0)
     area = shapely.box(*(low - 5 * metre), *(high + 5 * metre))
     return np.asarray(shapely.intersects(polygons, area))
@@ -263,8 +256,6 @@ def _check_near(placed: PlacedFootprints, footprints: Footprints, points: Array)
     Raises:
         BadInput: none does; with the CRS under which they would.
     """
-    import shapely
-
     finite = np.isfinite(shapely.bounds(placed.polygons)).all(1)
     if finite.any() and near_scene(placed.polygons[finite], points, placed.metre).any():
         return
@@ -285,8 +276,6 @@ def _check_near(placed: PlacedFootprints, footprints: Footprints, points: Array)
 
 def _guess(placed: PlacedFootprints, footprints: Footprints, middle: Array) -> str:
     """Return the CRS under which the footprints would lie at the photos; empty where none is found."""
-    import shapely
-
     if placed.georeference.crs is None or placed.georeference.origin is None:
         return ""
     here = str(placed.georeference.crs)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.jobs.job import Job
@@ -160,8 +161,6 @@ def make_plan(
 
 def _unmapped(placed: PlacedFootprints, points: Array, hulls: Sequence[Hull], options: PlanOptions) -> list[Hull]:
     """Make hulls of buildings that the map lacks: they hide what lies behind them, and the user should look at them."""
-    import shapely
-
     taken = shapely.union_all([hull.polygon for hull in hulls]).buffer(options.beside * placed.metre)
     outlines = [o.polygon for o in find_outlines(points, placed.metre, options.outlines)]
     free = [polygon for polygon in outlines if polygon.intersection(taken).area < 0.1 * polygon.area]

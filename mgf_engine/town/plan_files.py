@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
@@ -125,8 +126,6 @@ def _model_of(job: Job) -> SparseModel:
 
 def _within(area: Any, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell which points [N, 3] lie within an area of the plan, bool [N]."""
-    import shapely
-
     return np.asarray(shapely.contains_xy(area, points[:, :2]))
 
 
@@ -165,8 +164,6 @@ def _estimate(scene: Scene, building: Building, options: dict[str, Any]) -> dict
 
 def _geojson(plan: Plan, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the buildings as GeoJSON in the CRS of the georeference, or in local coordinates."""
-    import shapely
-
     georeference: Georeference = plan.placed.georeference
     features = []
     for building, row in zip(plan.buildings, rows, strict=True):

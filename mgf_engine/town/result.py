@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
@@ -145,7 +146,6 @@ def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference
         georeference: local frame and CRS.
     """
     import pyogrio
-    import shapely
 
     features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]
     shapes = shapely.from_geojson([json.dumps(feature["geometry"]) for feature in features])

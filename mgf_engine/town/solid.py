@@ -11,9 +11,10 @@ import json
 import time
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import shapely
 
 from mgf_engine.errors import BadInput, Cancelled, explain
 from mgf_engine.files.atomic import write_json
@@ -21,9 +22,6 @@ from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.system.machine import cpu_seconds
 from mgf_engine.town.hulls import GONE
 from mgf_engine.town.plan_files import read_plan
-
-if TYPE_CHECKING:
-    import shapely
 
 CITYJSON, DONE = "solid.city.json", "solid.json"
 
@@ -94,8 +92,6 @@ def ground_of_neighbours(town: Path, name: str, georeference: Georeference, reac
         georeference: of the building's job, whose local frame is taken.
         reach: metres around the footprints that count as theirs.
     """
-    import shapely
-
     features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]
     others = [f["geometry"] for f in features if f["properties"]["id"] != name and f["properties"]["state"] != GONE]
     shapes = shapely.from_geojson([json.dumps(geometry) for geometry in others])

@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.console.commands import run_reported
@@ -101,8 +102,6 @@ def suggest_for_one(
     Raises:
         BadInput: there is none, or too few photos or points show it.
     """
-    import shapely
-
     options = config.algorithm(PlanOptions)
     georeference, metre = place_scene(scene, config, reporter.warning)
     points = local_points(scene, georeference)
@@ -134,8 +133,6 @@ def _wanted_outline(
     reach: float,
 ) -> Any:
     """Return the outline of the building that is meant."""
-    import shapely
-
     box = parse_crop_box(config.crop_box)
     if box is not None:
         cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

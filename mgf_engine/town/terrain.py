@@ -17,6 +17,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
@@ -92,8 +93,6 @@ def make_terrain(town: Path) -> dict[str, Any]:
 
 def read_hulls(town: Path, plan: dict[str, Any]) -> list[Hull]:
     """Read the hulls of what stands in a planned town, local frame."""
-    import shapely
-
     offset = np.array(read_georeference(town).offset[:2])
     features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]
     hulls = []
@@ -120,8 +119,6 @@ def ground_surface(
     Raises:
         BadInput: too few points show the ground.
     """
-    import shapely
-
     built = shapely.union_all([polygon.buffer(options.eaves * metre) for polygon in footprints])
     shapely.prepare(built)
     low = height_over_ground(points, metre) < options.above * metre

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import render_mesh, scaled_view
@@ -267,8 +268,6 @@ def _choose_greedily(quality: Array, count: int, decay: float) -> list[int]:
 
 def _inside_neighbours(points: Array, hull: Hull, hulls: Sequence[Hull]) -> NDArray[np.bool_]:
     """Tell which points [S, 3] (local frame) lie in the footprint of another hull, bool [S]."""
-    import shapely
-
     around = shapely.MultiPoint(points[:, :2]).envelope
     near = [other.polygon for other in hulls if other is not hull and other.polygon.intersects(around)]
     if not near:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
 from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.drawings.orthophoto import Visibility
@@ -86,8 +87,6 @@ def _fitting(
         near: which pixels of the grid see the mesh near the wall, bool [H, W].
         boxes: name and left, top, right, bottom in pixels.
     """
-    import shapely
-
     outer, *holes = [grid.frame.to_drawing(solid.vertices[list(ring)])[:, :2] for ring in face.rings]
     free = shapely.Polygon(outer, holes).buffer(-grid.resolution)
     found = []
