@@ -10,14 +10,13 @@ import pytest
 from mgf_engine.cli import doctor
 from mgf_engine.cli.main import main
 from mgf_engine.weights import WEIGHTS, WeightFile
-from tests.support.command_line import mgf
 
 
-def test_doctor_names_versions_and_the_kernel_variant() -> None:
-    run = mgf("doctor")
-    assert run.returncode == 0, run.stdout
-    assert "kernel variant" in run.stdout
-    assert "Everything a job needs is here." in run.stdout
+def test_doctor_names_versions_and_the_kernel_variant(capsys) -> None:
+    code, said = main(["doctor"]), capsys.readouterr().out
+    assert code == 0, said
+    assert "kernel variant" in said
+    assert "Everything a job needs is here." in said
 
 
 def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, capsys) -> None:

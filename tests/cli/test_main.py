@@ -13,7 +13,7 @@ import pytest
 from mgf_engine.cli import main as cli
 from mgf_engine.cli.main import main
 from tests.support.command_line import mgf
-from tests.support.jobs import write_photo_folder
+from tests.support.jobs import run_here, write_photo_folder
 
 
 def failed_sentence(run: subprocess.CompletedProcess) -> str:
@@ -66,28 +66,30 @@ def test_help_and_slips_are_answered_without_loading_libraries(args: list[str]) 
         ("empty", ["{}/empty", "--prompts", "{}/empty"], "is a folder; give a file"),
     ],
 )
-def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, make, args, part) -> None:
+def test_bad_input_ends_with_code_2_and_one_sentence(tmp_path: Path, capsys, make, args, part) -> None:
     if make:
         (tmp_path / make).mkdir()
     filled = [a.format(tmp_path) for a in args]
-    run = mgf("reconstruct", *filled, "--out", tmp_path / "job", "--progress", "json")
-    assert run.returncode == 2
-    assert part in failed_sentence(run)
+    code, messages = run_here(capsys, "reconstruct", *filled, "--out", tmp_path / "job")
+    (failed,) = (m["text"] for m in messages if m["type"] == "failed")
+    assert code == 2 and part in failed
     assert not (tmp_path / "job").exists()
 
 
 def test_a_folder_that_was_there_before_is_left_with_its_log(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     (tmp_path / "job").mkdir()
-    assert mgf("scene", tmp_path / "photos", "--out", tmp_path / "job").returncode == 2
+    assert main(["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job")]) == 2
     assert (tmp_path / "job" / "log.txt").is_file()
 
 
 @pytest.mark.parametrize("style", ["none", "plain", "auto"])
-def test_what_is_wrong_is_said_however_little_progress_is_shown(tmp_path: Path, style: str) -> None:
-    run = mgf("reconstruct", tmp_path / "nowhere", "--out", tmp_path / "job", "--progress", style)
-    assert run.returncode == 2 and not run.stdout
-    assert run.stderr.startswith("Error: ") and "does not exist" in run.stderr and run.stderr.count("\n") == 1
+def test_what_is_wrong_is_said_however_little_progress_is_shown(tmp_path: Path, capsys, style: str) -> None:
+    command = ["reconstruct", str(tmp_path / "nowhere"), "--out", str(tmp_path / "job"), "--progress", style]
+    assert main(command) == 2
+    said = capsys.readouterr()
+    assert not said.out
+    assert said.err.startswith("Error: ") and "does not exist" in said.err and said.err.count("\n") == 1
 
 
 def test_a_folder_in_place_of_the_log_is_named(tmp_path: Path, capsys) -> None:
@@ -219,6 +221,7 @@ def test_closed_streams_are_no_fault(tmp_path: Path, arguments: str) -> None:
     assert run.returncode == (0 if arguments == "options" else 2)
 
 
-def test_options_are_data_for_other_programs() -> None:
-    schema = json.loads(mgf("options", "--json").stdout)
+def test_options_are_data_for_other_programs(capsys) -> None:
+    assert main(["options", "--json"]) == 0
+    schema = json.loads(capsys.readouterr().out)
     assert {o["name"] for o in schema["options"]} >= {"preset", "iterations", "use_masks"}
