@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from support.jobs import finish, run_here, start
+from support.jobs import run_here
 
 from benchmarks.synthetic.house import House
 
 
-def test_a_gpu_that_cannot_be_used_is_refused_not_replaced(house: House, tmp_path: Path) -> None:
+def test_a_gpu_that_cannot_be_used_is_refused_not_replaced(house: House, tmp_path: Path, capsys) -> None:
     if torch.cuda.is_available():
         pytest.skip("this machine has a GPU")
-    run = start("reconstruct", house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--device", "cuda")
-    assert "--device cpu" in finish(run)[-1]["text"]
-    assert run.returncode == 2
+    given = (house.folder, "--prompts", house.prompts, "--out", tmp_path / "job")
+    code, messages = run_here(capsys, "reconstruct", *given, "--device", "cuda")
+    assert code == 2 and "--device cpu" in messages[-1]["text"]
 
 
 BAD_PROMPTS = {

@@ -77,8 +77,17 @@ def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tm
     assert kept == record["stages"]["deliver"]["key"]  # the next run makes all of it anew
 
 
+def _write_masks(folder: Path, house: House) -> Path:
+    """The true masks, as a user draws them."""
+    folder.mkdir()
+    for name, mask in house.masks.items():
+        cv2.imwrite(str(folder / name), (mask * 255).astype(np.uint8))
+    return folder
+
+
 def test_quick_gives_the_mesh_without_training(house: House, tmp_path: Path, capsys) -> None:
-    given = (house.folder, "--prompts", house.prompts, "--out", tmp_path / "job", "--preset", "quick")
+    masks = _write_masks(tmp_path / "masks", house)
+    given = (house.folder, "--masks", masks, "--out", tmp_path / "job", "--preset", "quick")
     code, messages = run_here(capsys, "reconstruct", *given)
     assert code == 0, messages[-1]
     assert f1(tmp_path / "job" / "mesh.ply", house, 0.1) > 0.85
@@ -150,11 +159,8 @@ def test_other_formats_hold_the_same_mesh(finished, tmp_path: Path, capsys) -> N
 
 
 def test_masks_of_the_user_are_taken_as_they_are(house: House, tmp_path: Path, capsys) -> None:
-    folder = tmp_path / "masks"
-    folder.mkdir()
-    for name, mask in house.masks.items():
-        cv2.imwrite(str(folder / name), (mask * 255).astype(np.uint8))
-    code, messages = run_here(capsys, "masks", house.folder, "--masks", folder, "--out", tmp_path / "job")
+    masks = _write_masks(tmp_path / "masks", house)
+    code, messages = run_here(capsys, "masks", house.folder, "--masks", masks, "--out", tmp_path / "job")
     assert code == 0 and messages[-1]["type"] == "result"
     labels = cv2.imread(str(next((tmp_path / "job/masks/labels").glob("*photo_03*"))), cv2.IMREAD_UNCHANGED)
     assert ((labels > 0) == house.masks["photo_03.png"]).mean() > 0.995
