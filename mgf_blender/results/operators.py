@@ -7,12 +7,14 @@ from pathlib import Path
 
 import bpy
 
-from ..common.errors import UserError
+from ..common.errors import UserError, sentence
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
 from ..common.selection import select_only
 from ..common.text import tr
 from ..common.views import draw_texture, enter_camera, follow_paint
+from ..prompts import files as prompts_files
+from ..prompts.operators import add_missing
 from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.operators import frame_object
@@ -72,9 +74,24 @@ class MGF_OT_import_result(FileOperator):
                 frame_object(context, result.mesh, result.tree)
         scene.mgf.figures = json.dumps(result.delivery.figures)
         scene.mgf.job_folder = scene.mgf.job_folder or str(folder)
+        self._restore_clicks(scene, folder / "prompts.json")
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
         self.report({"INFO"}, tr("Mesh of {faces} faces, {renders} renders", faces=faces, renders=result.renders))
         return None
+
+    def _restore_clicks(self, scene: bpy.types.Scene, path: Path) -> None:
+        """Put the clicks of the job into a scene without any: a new run from it would begin without them."""
+        if any(len(photo.clicks) for photo in scene.mgf.photos) or not path.is_file():
+            return
+        try:
+            found = prompts_files.read(path)
+        except UserError as error:  # the mesh is there all the same
+            self.report({"WARNING"}, sentence(error))
+            return
+        add_missing(scene, list(found))
+        unknown = prompts_files.replace_clicks(scene, found)
+        if len(unknown) < len(found):
+            self.report({"INFO"}, tr("Points on {count} photos come from the job", count=len(found) - len(unknown)))
 
 
 class MGF_OT_import_field(_NeedsJob):
