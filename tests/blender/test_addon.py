@@ -87,8 +87,8 @@ def interface_texts() -> list[tuple[str, str, str]]:
 
 
 def title_case(text: str) -> bool:
-    """Whether every word but the small ones begins in upper case."""
-    words = re.split(r"[\s/]+", text)
+    """Whether every word but the small ones, units in parentheses and λ begins in upper case."""
+    words = re.split(r"[\s/]+", re.sub(r" (\(.*\)|λ)$", "", text))
     for i, word in enumerate(words):
         first = next((c for c in word if c.isalpha()), "")
         small = word.lower() in SMALL and 0 < i < len(words) - 1

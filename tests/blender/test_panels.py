@@ -280,7 +280,7 @@ def test_a_check_names_the_button_of_the_weights(managed):
     said += "(41 MB, Apache-2.0)"
     shown = preferences._in_panel_terms(said, managed)
     assert shown == said.replace("'mgf weights' fetches", "the arrow beside Mask Weights fetches")
-    engine = (REPO / "mgf_engine" / "masks" / "segmenters" / "notice.py").read_text()
+    engine = (REPO / "mgf_engine" / "masks" / "segmenters" / "messages.py").read_text()
     first, _, second = said.rpartition("'mgf weights'")
     assert first.removesuffix("; ") in engine and second.partition("(41")[0] in engine  # the engine still says so
 
