@@ -43,7 +43,7 @@ def test_ctrl_c_is_answered_at_once(style: str, capfd: pytest.CaptureFixture[str
         reporter.stage("scene")
         signal.raise_signal(signal.SIGINT)
         end = time.monotonic() + 20
-        while STOPPING not in "".join(said) and time.monotonic() < end:
+        while STOPPING + "\n" not in "".join(said) and time.monotonic() < end:
             said.append(capfd.readouterr().err)
             time.sleep(0.02)
         reporter.check()
