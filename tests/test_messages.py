@@ -109,6 +109,13 @@ def test_a_result_without_files_leaves_no_empty_line(capsys) -> None:
     assert capsys.readouterr().err == "Done. photos 3\nClick the building in some of these photos: a.jpg\n"
 
 
+@pytest.mark.parametrize("style", ["plain", "bar"])
+def test_figures_of_parts_are_left_to_the_report(style: str, capsys) -> None:
+    figures = {"faces": 1234, "seconds_per_part": {"planes": 0.5}}
+    Reporter(make_sink(style)).send("result", path="j", files={}, figures=figures)
+    assert "".join(capsys.readouterr()).strip() == "Done. faces 1,234"
+
+
 @pytest.mark.parametrize("style", ["plain", "bar", "none"])
 def test_who_cancels_is_not_told_of_an_error(style: str, capsys) -> None:
     Reporter(make_sink(style)).send("failed", code=3, text="Cancelled; run again.", log=None)

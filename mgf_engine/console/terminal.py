@@ -161,12 +161,12 @@ class _Bar:
 
 
 def _figures(message: Message) -> list[str]:
-    """Return the figures of a message as people read them, without unknown ones."""
+    """Return the numbers and texts among the figures of a message as people read them; lists and parts are left out."""
     said = []
     for key, value in message["figures"].items():
         name = key.replace("_", " ")
         if isinstance(value, str):
             said.append(f"{name}: {value}")
-        elif value is not None:
+        elif isinstance(value, int | float):
             said.append(f"{name} {value:,}")
     return said

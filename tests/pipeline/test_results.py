@@ -16,11 +16,20 @@ from support.house_jobs import OPTIONS, copy_until, f1
 from support.jobs import run_here
 
 from benchmarks.synthetic.house import OFFSET, House, ring_view
+from mgf_engine.cli.main import main
+from mgf_engine.stages import STAGE_NAMES
 
 
 def test_the_mesh_is_the_house(house: House, finished) -> None:
     job, _ = finished
     assert f1(job / "mesh.ply", house, 0.1) > 0.9
+
+
+@pytest.mark.parametrize("stage", [name for name in STAGE_NAMES if name != "deliver"])
+def test_each_stage_ends_with_a_line_to_read(stage: str, finished, capsys) -> None:
+    code = main([stage, "--out", str(finished[0]), "--progress", "plain"])
+    said = capsys.readouterr().err
+    assert code == 0 and "\nDone. " in said, said
 
 
 def _write_survey(folder: Path, house: House) -> np.ndarray:
