@@ -1,265 +1,43 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Headless: run a job, import a COLMAP scene and the job's results, and save a .blend, without a window.
+"""Script: run a job, import a COLMAP scene and the job's results, and save a .blend, without a window.
 
     blender -b --python mgf_blender/batch.py -- --scene SCENE --job JOB --out demo.blend
     python mgf_blender/batch.py --scene SCENE --job JOB --out demo.blend        (an environment with bpy)
     … --reconstruct --engine PYTHON --prompts FILE --set preset=draft            (runs the engine first)
     … --engine PYTHON --drawings --models solid ifc                              (drawings and models of the job, too)
 
-Exit codes are the engine's: 0 done, 2 bad input, 3 cancelled, 1 fault.
+The work is in ``headless.py``. A script is no part of a package, so this one loads the package around it.
 """
 
 from __future__ import annotations
 
-import argparse
-import contextlib
 import importlib.util
-import json
 import os
 import sys
-import traceback
 from pathlib import Path
-from typing import Any, NoReturn
 
-#: As in ``common/job.py``, which cannot be imported before this file, run as a script, has loaded the add-on.
-EXIT_DONE, EXIT_FAULT, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 1, 2, 3
-DRAWINGS = ("orthophotos", "elevations", "sections", "sheets", "quantities")
-MODELS = ("lod", "tiles", "solid", "ifc", "usd", "points")
+PACKAGE = "mgf_blender"
 
 
-class Parser(argparse.ArgumentParser):
-    """Reports a mistake in one sentence, without the usage text of argparse."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; --help lists all arguments.\n")
-
-
-def parser() -> argparse.ArgumentParser:
-    """Return the options of a headless run."""
-    p = Parser(prog="mgf batch", description="Import a scene and a job's results; save a .blend.")
-    p.add_argument("--scene", type=Path, help="COLMAP model or project folder: cameras with photos, sparse points")
-    p.add_argument("--photos", type=Path, help="folder of the photos; searched near the model when not given")
-    p.add_argument("--job", type=Path, help="job folder: mesh, renders, figures")
-    p.add_argument("--out", type=Path, required=True, help="the .blend to write")
-    p.add_argument("--keep-axes", action="store_true", help="keep the model's axes instead of turning it upright")
-    p.add_argument("--reconstruct", action="store_true", help="run the engine on the scene first; resumes a begun job")
-    p.add_argument("--engine", type=Path, help="Python or environment that has the engine")
-    p.add_argument("--prompts", type=Path, help="clicks on the building, for --reconstruct")
-    p.add_argument("--masks", type=Path, help="folder of your own masks, for --reconstruct")
-    p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the engine")
-    p.add_argument("--drawings", nargs="*", choices=DRAWINGS, metavar="KIND",
-                   help=f"also make the job's drawings: all, or some of {', '.join(DRAWINGS)}")  # fmt: skip
-    p.add_argument("--models", nargs="*", choices=MODELS, metavar="KIND",
-                   help=f"also make the job's models: all, or some of {', '.join(MODELS)}")  # fmt: skip
-    p.add_argument("--progress", choices=("plain", "json"), default="plain", help="how the engine's progress is shown")
-    p.add_argument("--picture", type=Path, help="also render the mesh to this PNG")
-    p.add_argument("--picture-engine", choices=("cycles", "workbench", "eevee"), default="cycles",
-                   help="what renders the picture")  # fmt: skip
-    p.add_argument("--picture-size", type=int, nargs=2, default=(1280, 800), metavar=("W", "H"),
-                   help="of the picture, in pixels")  # fmt: skip
-    p.add_argument("--picture-samples", type=int, default=48, help="rays per pixel of the picture (cycles)")
-    p.add_argument("--picture-turn", type=float, default=30.0, help="degrees around the building from the cameras")
-    return p
-
-
-def main(argv: list[str]) -> int:
-    """Run with the given arguments; returns the exit code.
-
-    Raises:
-        UserError: nothing to import, or drawings and models without a job.
-    """
-    package = _package()
-    UserError = importlib.import_module(f"{package}.common.errors").UserError
-    try:
-        args = parser().parse_args(argv)
-    except SystemExit as error:
-        return int(error.code or 0)
-    try:
-        if args.scene is None and args.job is None:
-            raise UserError("Nothing to import; give --scene, --job or both.")
-        if args.job is None and (args.drawings is not None or args.models is not None):
-            raise UserError("Drawings and models are made of a job; give --job.")
-        if args.reconstruct:
-            code = _reconstruct(package, args)
-            if code != EXIT_DONE:
-                return code
-        _import(package, args)
-        return _deliver(package, args)
-    except UserError as error:
-        print(f"Error: {error}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except KeyboardInterrupt:
-        print("Cancelled; run again to continue.", file=sys.stderr)
-        return EXIT_CANCELLED
-    except Exception:
-        traceback.print_exc()
-        return EXIT_FAULT
-
-
-def _reconstruct(package: str, args: argparse.Namespace) -> int:
-    """Run the engine as the panel does, but wait for it; returns its exit code."""
-    if args.scene is None or args.job is None:
-        raise importlib.import_module(f"{package}.common.errors").UserError("A reconstruction needs --scene and --job.")
-    command = ["reconstruct", str(args.scene.absolute()), "--out", str(args.job.absolute())]
-    for flag, path in (("--prompts", args.prompts), ("--masks", args.masks)):
-        if path is not None:
-            command += [flag, str(path.absolute())]
-    for text in args.set:
-        command += ["--set", text]
-    if (args.job / "job.json").is_file():
-        command.append("--resume")
-    return _run(package, args, command)
-
-
-def _deliver(package: str, args: argparse.Namespace) -> int:
-    """Make the drawings and models that were asked for; returns the first exit code that is not 0."""
-    wanted = []
-    if args.drawings is not None:
-        wanted.append(["drawings", *(word for kind in args.drawings for word in ("--draw", kind))])
-    if args.models is not None:
-        wanted.append(["models", *(["--only", ",".join(args.models)] if args.models else [])])
-    for command, *options in wanted:
-        code = _run(package, args, [command, str(args.job.absolute()), *options])
-        if code != EXIT_DONE:
-            return code
-        print(f"{command.capitalize()} in {args.job / command}", flush=True)
-    return EXIT_DONE
-
-
-def _run(package: str, args: argparse.Namespace, command: list[str]) -> int:
-    """Run a command of the engine, show what it says and wait for it; returns its exit code."""
-    job_module = importlib.import_module(f"{package}.common.job")
-    environment = importlib.import_module(f"{package}.engine.environment")
-    if args.engine is not None:
-        os.environ[environment.VARIABLE] = str(args.engine)
-    line = environment.engine_command(*command, "--progress", "json", "--cancel-on-eof")
-    show = _show_json if args.progress == "json" else _Plain()
-    job = job_module.Job(line, args.job.absolute(), "job", command[0], on_message=show)
-    code = job.run()
-    if code != EXIT_DONE:
-        if args.progress == "plain":
-            where = f" (log: {job.log})" if job.log and code == EXIT_FAULT else ""
-            print(f"{'' if code == EXIT_CANCELLED else 'Error: '}{job.text}{where}", file=sys.stderr)
-        if code == EXIT_FAULT and not job.log:
-            print("\n".join(job.last_errors), file=sys.stderr)
-    return code if code in (EXIT_DONE, EXIT_BAD_INPUT, EXIT_CANCELLED) else EXIT_FAULT
-
-
-def _show_json(job: Any, message: dict[str, Any]) -> None:
-    print(json.dumps(message, ensure_ascii=False, separators=(",", ":")), flush=True)
-
-
-class _Plain:
-    """A line per stage, per tenth of a stage, and per warning."""
-
-    def __init__(self) -> None:
-        self._shown = -1
-
-    def __call__(self, job: Any, message: dict[str, Any]) -> None:
-        kind = message["type"]
-        if kind == "stage":
-            self._shown = -1
-            print(f"[{job.stage_index + 1}/{job.stage_count}] {job.stage}", flush=True)
-        elif kind == "progress" and int(job.fraction * 10) > self._shown:
-            self._shown = int(job.fraction * 10)
-            left = "" if job.seconds_left is None else f"  {job.seconds_left:.0f} s left"
-            figures = "  ".join(f"{k.replace('_', ' ')} {v}" for k, v in job.figures.items())
-            print(f"  {job.fraction:4.0%}{left}  {figures}", flush=True)
-        elif kind == "warning":
-            print(f"Warning: {message.get('text', '')}", flush=True)
-
-
-def _import(package: str, args: argparse.Namespace) -> None:
-    import bpy
-
-    load_scene = importlib.import_module(f"{package}.scene_import.load")
-    load_result = importlib.import_module(f"{package}.results.load")
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene, tree = bpy.context.scene, None
-    source = _model_source(args)
-    if source is not None:
-        photos = args.photos or (args.scene if source != args.scene else None)
-        done = load_scene.import_scene(scene, source, photos, upright=not args.keep_axes, named=args.scene)
-        tree = done.tree
-        print(f"{done.cameras} cameras, {done.points} points", *done.warnings, sep="\n")
-    if args.job is not None:
-        result = load_result.import_result(scene, args.job, tree)
-        tree = result.tree
-        faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
-        print(f"Mesh of {faces} faces, {result.renders} renders")
-    _dress(scene)
-    if args.picture is not None and not tree.objects("Mesh"):
-        errors = importlib.import_module(f"{package}.common.errors")
-        raise errors.UserError("There is no mesh to make a picture of; give --job with a finished job.")
-    save(bpy, args.out.absolute(), package)
-    print(f"Saved {args.out}")
-    if args.picture is not None:  # last: a picture that fails costs nothing else
-        _picture(package, args, scene, tree)
-
-
-def _model_source(args: argparse.Namespace) -> Path | None:
-    """Return the COLMAP model to import: the scene's own, or the one the engine found for a folder of photos."""
-    found = args.job / "scene" / "sfm" / "model" if args.job is not None else None
-    if args.scene is not None and found is not None and (found / "images.bin").is_file():
-        return found
-    return args.scene
-
-
-def _picture(package: str, args: argparse.Namespace, scene: Any, tree: Any) -> None:
-    picture = importlib.import_module(f"{package}.results.picture")
-    path = args.picture.absolute()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    size, engine = tuple(args.picture_size), args.picture_engine.upper()
-    picture.render_picture(scene, tree, path, size, args.picture_samples, engine, args.picture_turn)
-    print(f"Picture {path}")
-
-
-def _dress(scene) -> None:
-    """Set a fresh file up for colours out of photos."""
-    scene.view_settings.view_transform = "Standard"
-
-
-def save(bpy, path: Path, package: str) -> None:
-    """Write the .blend to a temporary name first, so that a full disk leaves no half file.
-
-    Raises:
-        UserError: the file cannot be written.
-    """
-    errors = importlib.import_module(f"{package}.common.errors")
-    files = importlib.import_module(f"{package}.common.files")
-    temporary = path.with_name(f".{path.stem}.writing.blend")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        bpy.ops.wm.save_as_mainfile(filepath=str(temporary), copy=True, compress=True, relative_remap=True)
-        os.replace(temporary, path)
-    except (RuntimeError, OSError) as error:
-        for left in (temporary, temporary.with_name(temporary.name + "@")):
-            with contextlib.suppress(OSError):
-                left.unlink(missing_ok=True)
-        raise errors.UserError(files.cannot_write(path, error)) from error
-
-
-def _package() -> str:
-    """Return the name of the add-on's package; run as a script, the folder of this file is loaded as one."""
-    if __package__:
-        return __package__
+def load_package() -> None:
+    """Load the folder of this file as the package ``mgf_blender``, whatever its name is; one that is loaded stays."""
+    if PACKAGE in sys.modules:
+        return
     folder = Path(__file__).resolve().parent
-    name = "mgf_blender"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(
-            name, folder / "__init__.py", submodule_search_locations=[str(folder)]
-        )
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
-        spec.loader.exec_module(module)
-    return name
+    spec = importlib.util.spec_from_file_location(
+        PACKAGE, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[PACKAGE] = module
+    spec.loader.exec_module(module)
 
 
 if __name__ == "__main__":
+    load_package()
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
-    code = main(arguments)
+    code = importlib.import_module(f"{PACKAGE}.headless").main(arguments)
     sys.stdout.flush()
     sys.stderr.flush()
-    if "bpy" in sys.modules and not Path(sys.executable).name.startswith("blender"):
+    if not Path(sys.executable).name.startswith("blender"):
         os._exit(code)  # some versions of the bpy module crash or hang while the interpreter ends
     sys.exit(code)

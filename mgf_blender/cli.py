@@ -8,11 +8,11 @@ import sys
 
 import bpy
 
-from .batch import EXIT_BAD_INPUT
-from .batch import main as import_main
 from .common.errors import UserError
+from .common.job import EXIT_BAD_INPUT
 from .common.process import clean_environment
 from .engine.environment import engine_command
+from .headless import main as import_main
 
 _HELP = """usage: blender --command mgf import --scene SCENE [--job JOB] --out FILE.blend
        blender --command mgf reconstruct SCENE --prompts FILE --out JOB [options]

@@ -17,8 +17,6 @@ import pytest
 import synthetic
 from conftest import REPO
 
-from mgf_blender import batch
-from mgf_blender.common import job as window_job
 from mgf_blender.results import picture
 
 BATCH = REPO / "mgf_blender" / "batch.py"
@@ -175,17 +173,3 @@ def test_drawings_without_a_job_or_of_an_unknown_kind_are_refused(house, tmp_pat
     assert done.returncode == 2 and "give --job" in done.stderr and not (tmp_path / "a.blend").exists()
     done = run("--job", house.job, "--out", tmp_path / "a.blend", "--drawings", "plans")
     assert done.returncode == 2 and "plans" in done.stderr
-
-
-def test_kinds_are_those_of_the_panels():
-    from mgf_blender import batch
-    from mgf_blender.drawings.properties import KINDS
-    from mgf_blender.models import properties as models
-
-    assert tuple(kind for kind, *_ in KINDS) == batch.DRAWINGS
-    assert tuple(kind for kind, *_ in models.KINDS) == batch.MODELS
-
-
-def test_exit_codes_are_those_of_the_window():
-    names = ("EXIT_DONE", "EXIT_FAULT", "EXIT_BAD_INPUT", "EXIT_CANCELLED")
-    assert [getattr(batch, name) for name in names] == [getattr(window_job, name) for name in names]

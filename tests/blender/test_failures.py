@@ -11,7 +11,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-from mgf_blender import batch
+from mgf_blender import headless
 from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.engine import install
@@ -58,7 +58,7 @@ def test_full_disk_when_the_file_is_saved(state, tmp_path):
     out.write_bytes(b"earlier")
     (tmp_path / ".out.writing.blend@").symlink_to(FULL)
     with pytest.raises(UserError, match=r"The disk is full|Cannot write '.*out\.blend'"):
-        batch.save(bpy, out, "mgf_blender")
+        headless.save(out)
     assert out.read_bytes() == b"earlier" and [p.name for p in tmp_path.iterdir() if "writing" in p.name] == []
 
 
