@@ -179,7 +179,7 @@ def _import(args: argparse.Namespace) -> None:
         photos = args.photos or (args.scene if source != args.scene else None)
         done = import_scene(scene, source, photos, upright=not args.keep_axes, named=args.scene)
         tree = done.tree
-        print(f"{done.cameras} cameras, {done.points} points", *done.warnings, sep="\n")
+        print("{cameras} cameras, {points} points".format(**done.counts()), *done.warnings, sep="\n")
     if args.job is not None:
         result = import_result(scene, args.job, tree)
         tree = result.tree

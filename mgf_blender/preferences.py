@@ -7,7 +7,7 @@ import bpy
 
 from .common.addon import NAME
 from .common.text import N_, draw_sentence, draw_value, in_our_words, tr
-from .engine import operators
+from .engine import current_task
 from .engine.environment import managed_environment, python_of
 from .engine.install import TICKS, has_nvidia
 from .engine.swap import discarding, unfinished
@@ -23,7 +23,7 @@ _NO_WEIGHTS = re.compile(
 
 def _other_engine(prefs: bpy.types.AddonPreferences, context: bpy.types.Context) -> None:
     """Forget what the last check said, which was about the engine before."""
-    operators.forget()
+    current_task.forget()
 
 
 class MGF_Preferences(bpy.types.AddonPreferences):
@@ -123,7 +123,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             row.operator("mgf.remove_engine", text="", icon="TRASH")
         if discarding():
             draw_sentence(layout, tr("The files of an engine are being removed"), "INFO")
-        elif left and not operators.installing():
+        elif left and not current_task.installing():
             text = tr("An installation was interrupted; install again, or remove what is left of it")
             draw_sentence(layout, text, "INFO")
         if not there and not self.wheel_folder and not bpy.app.online_access:
@@ -137,7 +137,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         if has_nvidia():
             row.operator("mgf.check_gpu", icon="MEMORY")
         row.operator("mgf.open_engine_log", text="", icon="TEXT")
-        kind, task = operators.current()
+        kind, task = current_task.current()
         if task is None:
             return
         if task.status == RUNNING:
@@ -146,7 +146,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             row.operator("mgf.cancel_engine_task", text="", icon="X")
             if task.output:
                 layout.label(text=task.output[-1].strip()[:100], translate=False)
-        elif not operators.speaks_of_chosen():
+        elif not current_task.speaks_of_chosen():
             return
         elif task.status in {FAILED, CANCELLED}:
             draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")

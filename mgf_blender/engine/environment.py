@@ -7,9 +7,12 @@ import os
 import sys
 from pathlib import Path
 
+import bpy
+
 from ..common.addon import preferences, user_folder
 from ..common.errors import UserError
 from ..common.text import tr
+from .current_task import installing
 from .swap import recover, unfinished
 
 #: Overrides the preferences; for scripts and continuous integration.
@@ -46,15 +49,11 @@ def engine_python() -> Path:
     if prefs is not None and prefs.engine_source == "EXISTING":
         if not prefs.engine_path:
             raise UserError("No environment is chosen; set its folder in the preferences of the add-on.")
-        import bpy
-
         return _existing(Path(bpy.path.abspath(prefs.engine_path)), tr("the preferences"))
     python = python_of(managed_environment())
     if not python.is_file():
         recover(managed_environment())
     if not python.is_file():
-        from .operators import installing  # they need this module
-
         if installing():
             raise UserError("The engine is being installed; wait until that has ended.")
         if unfinished(managed_environment()).exists():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators of the preferences: install, check, cancel, open the log, fetch the mask weights."""
+"""Operators of the preferences: install, check, cancel, remove, open the log, fetch the mask weights."""
 
 from __future__ import annotations
 
@@ -9,68 +9,15 @@ from pathlib import Path
 import bpy
 
 from ..common import runner
-from ..common.addon import preferences, user_folder
+from ..common.addon import NAME, preferences
 from ..common.errors import UserError
 from ..common.files import open_file
 from ..common.operators import Operator
-from ..common.runner import redraw
 from ..common.text import N_, tr
-from . import install, swap
+from . import current_task, install, swap
+from .current_task import begin, log_path
 from .environment import engine_command, managed_environment
-from .task import RUNNING, Step, Task
-
-_task: Task | None = None
-_kind = ""
-_engine = ("", "")  # what :func:`chosen_engine` gave when the task began
-
-
-def current() -> tuple[str, Task | None]:
-    """Return the running or last task and what kind it is: install, check or weights."""
-    return _kind, _task
-
-
-def chosen_engine() -> tuple[str, str]:
-    """Return which engine the preferences choose: where it comes from, and its path where the user gave one."""
-    prefs = preferences()
-    source = prefs.engine_source if prefs is not None else "MANAGED"
-    return source, prefs.engine_path if source == "EXISTING" else ""
-
-
-def speaks_of_chosen() -> bool:
-    """Tell whether what the task says at its end is about the engine that is chosen now: another can have been chosen
-    meanwhile."""
-    return _engine == chosen_engine()
-
-
-def forget() -> None:
-    """Drop what the last task said: it spoke of another engine than the present one."""
-    global _task, _kind
-    if _task is not None and _task.status != RUNNING:
-        _task, _kind = None, ""
-
-
-def installing() -> bool:
-    """Tell whether an installation runs."""
-    return _kind == "install" and _task is not None and _task.status == RUNNING
-
-
-def log_path() -> Path:
-    """Return where installations and checks write their output."""
-    return user_folder() / "engine-log.txt"
-
-
-def begin(kind: str, task: Task) -> None:
-    """Run a task in the background; batch runs and tests call ``task.run()`` instead."""
-    global _task, _kind, _engine
-    _task, _kind, _engine = task, kind, chosen_engine()
-    if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=0.1, persistent=True)
-
-
-def _tick() -> float | None:
-    alive = _task is not None and _task.drain()
-    redraw()
-    return 0.2 if alive or swap.discarding() else None
+from .task import DONE, Step, Task
 
 
 def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
@@ -79,7 +26,7 @@ def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
         return {"FINISHED"}
     status = task.run()
     swap.wait()
-    if status != "DONE":
+    if status != DONE:
         operator.report({"ERROR"}, task.text)
         return {"CANCELLED"}
     return {"FINISHED"}
@@ -88,7 +35,7 @@ def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
 class _EngineOperator(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(_task is None or _task.status != RUNNING, "Wait until the running task has ended")
+        return cls.needs(not current_task.is_running(), "Wait until the running task has ended")
 
 
 class _ReplacesEngine(_EngineOperator):
@@ -176,10 +123,10 @@ class MGF_OT_cancel_engine_task(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return _task is not None and _task.status == RUNNING
+        return current_task.is_running()
 
     def run(self, context: bpy.types.Context) -> None:
-        _task.cancel()
+        current_task.cancel()
 
 
 class MGF_OT_remove_engine(_ReplacesEngine):
@@ -193,9 +140,19 @@ class MGF_OT_remove_engine(_ReplacesEngine):
 
     def run(self, context: bpy.types.Context) -> None:
         swap.remove(managed_environment())
-        forget()
+        current_task.forget()
         if bpy.app.background:
             swap.wait()
+
+
+class MGF_OT_show_preferences(Operator):
+    """Open the preferences of this add-on"""
+
+    bl_idname = "mgf.show_preferences"
+    bl_label = "Set Up Engine"
+
+    def run(self, context: bpy.types.Context) -> None:
+        bpy.ops.preferences.addon_show(module=NAME)
 
 
 class MGF_OT_open_engine_log(Operator):
@@ -270,7 +227,7 @@ def _explain_check(step: Step, lines: list[str]) -> str:
 
 CLASSES = (
     MGF_OT_install_engine, MGF_OT_check_engine, MGF_OT_check_gpu, MGF_OT_download_weights, MGF_OT_cancel_engine_task,
-    MGF_OT_remove_engine, MGF_OT_open_engine_log,
+    MGF_OT_remove_engine, MGF_OT_show_preferences, MGF_OT_open_engine_log,
 )  # fmt: skip
 
 
@@ -281,13 +238,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Stop a running task and its timer."""
-    global _task
-    if _task is not None:
-        _task.cancel()
-        _task.run()  # what was installed so far is removed
-        _task = None
-    if bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.unregister(_tick)
+    """Stop a running task, and take the operators away."""
+    current_task.end()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

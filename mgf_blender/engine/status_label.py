@@ -5,7 +5,7 @@ import bpy
 
 from ..common.errors import UserError
 from ..common.text import draw_sentence, tr
-from . import operators
+from . import current_task
 from .environment import engine_python
 
 
@@ -15,8 +15,8 @@ def draw_engine_missing(layout: bpy.types.UILayout) -> bool:
     try:
         engine_python()
     except UserError as error:
-        _, task = operators.current()
-        if task is not None and operators.installing():
+        _, task = current_task.current()
+        if task is not None and current_task.installing():
             draw_sentence(layout, str(error), "INFO")
             layout.progress(factor=task.fraction, text=tr(task.title), translate=False)
         else:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clicks as Blender properties: pixels of the user's own photo, (0, 0) its top-left corner."""
 
+import os
 from pathlib import Path
 
 import bpy
@@ -52,8 +53,11 @@ def photo_of_image(scene: bpy.types.Scene, image: bpy.types.Image | None) -> int
     if image is None or image.source != "FILE":
         return -1
     shown = Path(bpy.path.abspath(image.filepath))
+    name = os.path.normcase(shown.name)
     for i, photo in enumerate(scene.mgf.photos):
-        if photo.file and Path(bpy.path.abspath(photo.file)) == shown:
+        # Drawing and every move of the pointer ask, so whole paths are compared only where the names are the same.
+        alike = photo.file and os.path.normcase(photo.file).endswith(name)
+        if alike and Path(bpy.path.abspath(photo.file)) == shown:
             return i
     return -1
 

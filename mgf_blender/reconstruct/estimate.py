@@ -17,10 +17,12 @@ from statistics import median
 import bpy
 
 from ..common.addon import user_folder
+from ..common.json_cache import JsonCache
 from ..common.options import COSTS, RUN_LENGTH
 from ..scene_import.cameras import SIZE_KEY, find_source
 
 _FILE = "speed.json"
+_learned = JsonCache(lambda path, data: float(data["factor"]))
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,9 @@ def _amount(terms: dict[str, float], known: dict[str, float]) -> float:
 def speed() -> float:
     """Return the time of this machine over that of the measured one, as the engine learned it from jobs; 1 before the
     first."""
-    try:
-        found = float(json.loads(_path().read_text(encoding="utf-8"))["factor"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return 1.0
+    found = _learned.get(_path())
     low, high = COSTS["speed"]
-    return found if low <= found <= high else 1.0
+    return found if found is not None and low <= found <= high else 1.0
 
 
 def remember(factor: float) -> None:
@@ -116,6 +115,7 @@ def remember(factor: float) -> None:
         _path().write_text(json.dumps({"factor": factor}), encoding="utf-8")
     except OSError:
         return  # an estimate that does not get better is no reason to bother anyone
+    _learned.clear()  # the file's time need not have changed
 
 
 def format_duration(seconds: float | None) -> str:

@@ -9,7 +9,7 @@ from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
 from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
-from ..common.text import CONTEXT, N_, draw_sentence, tr, widest
+from ..common.text import N_, draw_sentence, tr, widest
 from ..engine.status_label import draw_engine_missing
 from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_message
 from .estimate import estimate, format_duration, photos_of
@@ -214,21 +214,7 @@ def _outcome(job: Job) -> str:
     return tr(_DONE.get(job.kind, _DONE["reconstruct"]), time=format_duration(job.seconds))
 
 
-class MGF_OT_show_preferences(bpy.types.Operator):
-    """Open the preferences of this add-on"""
-
-    bl_idname = "mgf.show_preferences"
-    bl_label = "Set Up Engine"
-    bl_translation_context = CONTEXT
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..common.addon import NAME
-
-        bpy.ops.preferences.addon_show(module=NAME)
-        return {"FINISHED"}
-
-
-CLASSES = (MGF_OT_show_preferences, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options)
+CLASSES = (MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options)
 
 
 register, unregister = bpy.utils.register_classes_factory(CLASSES)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,6 @@ from ..scene_import.cameras import (
     add_background,
     add_cameras,
     clear_view,
-    find_camera,
     fit_render,
     load_image,
     shrink_cameras,
@@ -141,8 +140,7 @@ def import_result(
     forget_results(tree)
     if content.mesh is not None and not tree.objects("Mesh"):
         shrink_cameras(tree, _BESIDE_MESH)
-    for view in delivery.views:
-        _add_view(tree, view)
+    _add_views(tree, delivery.views)
     _look_at(scene, tree)
     obj = None if content.mesh is None else _replace_mesh(scene, tree, content, mesh, texture)
     if scene.camera is not None:
@@ -235,23 +233,23 @@ def _add_mesh(
     return obj
 
 
-def _add_view(tree: Tree, view: ResultView) -> None:
-    """Attach a view's pictures to its camera: behind the camera, and standing in its frustum as an object."""
-    camera = find_camera(tree, view.camera.name)
-    if camera is not None and camera.get(DISTORTED_KEY):
-        # The job worked on the undistorted photo; only its camera fits mesh and render.
-        bpy.data.objects.remove(camera, do_unlink=True)
-        camera = None
-    if camera is None:
-        camera = add_cameras(tree, [view.camera])[0]
-        camera.data.display_size = _common_display_size(tree, camera)
-    if view.render is not None:
-        add_background(camera, load_image(view.render, "render"), show=False)
-        _add_render_object(tree, camera, view)
-
-
-def _common_display_size(tree: Tree, camera: bpy.types.Object) -> float:
-    return next((o.data.display_size for o in tree.objects("Cameras") if o != camera), camera.data.display_size)
+def _add_views(tree: Tree, views: Sequence[ResultView]) -> None:
+    """Attach the pictures of views to their cameras: behind each camera, and standing in its frustum as an object."""
+    there = tree.objects("Cameras")
+    size = there[0].data.display_size if there else None
+    cameras = {camera.get(PHOTO_KEY): camera for camera in reversed(there)}  # the first of a photo counts
+    for view in views:
+        camera = cameras.get(view.camera.name)
+        if camera is not None and camera.get(DISTORTED_KEY):
+            # The job worked on the undistorted photo; only its camera fits mesh and render.
+            bpy.data.objects.remove(camera, do_unlink=True)
+            camera = None
+        if camera is None:
+            camera = add_cameras(tree, [view.camera])[0]
+            camera.data.display_size = size or camera.data.display_size
+        if view.render is not None:
+            add_background(camera, load_image(view.render, "render"), show=False)
+            _add_render_object(tree, camera, view)
 
 
 def _add_render_object(tree: Tree, camera: bpy.types.Object, view: ResultView) -> None:

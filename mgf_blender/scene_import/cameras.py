@@ -152,11 +152,6 @@ def clear_view(tree: Tree, camera: bpy.types.Object) -> None:
         hide(obj, obj.parent == camera)
 
 
-def find_camera(tree: Tree, photo: str) -> bpy.types.Object | None:
-    """Return our camera of a photo."""
-    return next((o for o in tree.objects("Cameras") if o.get(PHOTO_KEY) == photo), None)
-
-
 def find_source(scene: bpy.types.Scene) -> Tree | None:
     """Find the tree of the photos that a reconstruction takes, which lies beside results of others; None without."""
     names = {photo.name for photo in scene.mgf.photos}

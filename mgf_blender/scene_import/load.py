@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.text import N_, tr
 from .cameras import PHOTO_KEY, CameraSpec, add_cameras, fit_render
-from .colmap import Photo, read_model
+from .colmap import Model, Photo, read_model
 from .exif import orientation_lacking
 from .frame import make_frame, turn_as_held
 from .locate import find_model, find_photo, find_photo_folder
@@ -27,16 +27,19 @@ class Imported:
 
     Attributes:
         tree: the collections.
-        cameras, points: how many were made.
+        model: as it was read.
         photo_folder: where the photos lie, or None.
         warnings: sentences worth showing.
     """
 
     tree: Tree
-    cameras: int
-    points: int
+    model: Model
     photo_folder: Path | None
     warnings: tuple[str, ...]
+
+    def counts(self) -> dict[str, int]:
+        """Return how many cameras and points came."""
+        return {"cameras": len(self.model.photos), "points": len(self.model.points.xyz)}
 
 
 def import_scene(
@@ -82,7 +85,7 @@ def import_scene(
     add_points(tree, model.points)
     scene.camera = cameras[0]
     fit_render(scene, cameras[0])
-    return Imported(tree, len(cameras), len(model.points.xyz), photo_folder, tuple(_warnings(specs)))
+    return Imported(tree, model, photo_folder, tuple(_warnings(specs)))
 
 
 def _spec(photo: Photo, folder: Path | None) -> CameraSpec:

@@ -15,10 +15,9 @@ from ..prompts.roots import choose_roots
 from ..results.surface import paints_texture
 from ..results.view_mode import follow
 from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render
-from .colmap import read_model
 from .crop import add_crop_box, find_crop_box
 from .load import Imported, import_scene
-from .locate import find_model, find_photo
+from .locate import find_photo
 from .points import sparse_points
 from .tree import Tree
 
@@ -181,17 +180,17 @@ def bring_in(
     photos = Path(bpy.path.abspath(state.photo_folder)) if state.photo_folder else None
     done = import_scene(scene, path, photos, upright, Tree.find(scene) if replace else None, named)
     state.source = str(path.parent if path.is_file() else path)
-    list_roots(scene, done, path)
+    list_roots(scene, done)
     if operator is not None:
-        operator.report({"INFO"}, tr("{cameras} cameras, {points} points", cameras=done.cameras, points=done.points))
+        operator.report({"INFO"}, tr("{cameras} cameras, {points} points", **done.counts()))
         for text in done.warnings:
             operator.report({"WARNING"}, text)
     return done
 
 
-def list_roots(scene: bpy.types.Scene, done: Imported, path: Path) -> None:
+def list_roots(scene: bpy.types.Scene, done: Imported) -> None:
     """Put the root photos into the list; photos with clicks of the same names keep them."""
-    model = read_model(find_model(path))
+    model = done.model
     names = {model.photos[i].name for i in choose_roots(model)}
     photos = scene.mgf.photos
     known = {p.name for p in model.photos}
@@ -240,6 +239,7 @@ def frame_object(context: bpy.types.Context, obj: bpy.types.Object, tree: Tree) 
     frame_scene(context, middle, float(np.linalg.norm(high - low)) / 2, paints_texture(tree), side)
 
 
+@bpy.app.handlers.persistent
 def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Keep the render size in step with the active camera (handler), because Blender keeps it in the scene."""
     camera, before = scene.camera, _last.get(scene.name)
@@ -272,7 +272,6 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.TOPBAR_MT_file_import.append(menu)
-    bpy.app.handlers.persistent(fit_on_camera_change)
     bpy.app.handlers.depsgraph_update_post.append(fit_on_camera_change)
 
 

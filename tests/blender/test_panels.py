@@ -17,7 +17,7 @@ from layouts import draw
 from mgf_blender import preferences
 from mgf_blender.common import runner
 from mgf_blender.common import text as panel_text
-from mgf_blender.engine import operators as engine_operators
+from mgf_blender.engine import current_task
 from mgf_blender.engine.task import Step, Task
 from mgf_blender.preferences import MGF_Preferences
 from mgf_blender.prompts import files
@@ -300,14 +300,14 @@ def test_preferences(addon, engine, source, monkeypatch):
         stand.draw(bpy.context)
         return "\n".join(stand.layout.props) if props else stand.layout.said
 
-    monkeypatch.setattr(engine_operators, "_task", None)
+    current_task.forget()
     monkeypatch.setattr(preferences, "has_nvidia", lambda: True)
     assert "Check GPU" in said()
     bpy.ops.mgf.check_gpu()
     assert "The GPU passed in 9 s." in said()
     monkeypatch.setattr(preferences, "has_nvidia", lambda: False)
     assert "Check GPU" not in said()
-    monkeypatch.setattr(engine_operators, "_task", None)
+    current_task.forget()
     assert "Check Engine" in said() and ("Install Engine" in said()) == (source == "MANAGED")
     assert ("Also Install" in said()) == (source == "MANAGED")
     monkeypatch.setattr(preferences, "discarding", lambda: True)
@@ -323,12 +323,12 @@ def test_preferences(addon, engine, source, monkeypatch):
     assert "torch\n2.13.0" in said() and "Everything a job needs is here." in said()
     assert said().index("Everything a job needs") < said().index("2.13.0")  # the verdict comes first
     with monkeypatch.context() as context:  # another engine was chosen while the check ran
-        context.setattr(engine_operators, "chosen_engine", lambda: ("EXISTING", "/another"))
+        context.setattr(current_task, "chosen_engine", lambda: ("EXISTING", "/another"))
         assert "2.13.0" not in said()
     preferences._other_engine(None, bpy.context)
     assert "2.13.0" not in said()  # said of the engine before
-    task = Task([Step("Creating the environment", ["false"])], engine_operators.log_path(), lambda s, t: "It failed.")
-    monkeypatch.setattr(engine_operators, "_task", task)
+    task = Task([Step("Creating the environment", ["false"])], current_task.log_path(), lambda s, t: "It failed.")
+    current_task.begin("install", task)
     assert "Creating the environment" in said()
     task.run()
     assert "It failed." in said()

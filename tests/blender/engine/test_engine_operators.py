@@ -13,7 +13,7 @@ from layouts import Recorder
 
 from mgf_blender.common import runner
 from mgf_blender.common.job import Job
-from mgf_blender.engine import environment, install, operators, swap
+from mgf_blender.engine import current_task, environment, install, operators, swap
 from mgf_blender.engine.status_label import draw_engine_missing
 
 pytestmark = pytest.mark.usefixtures("free_space")
@@ -36,8 +36,7 @@ def test_panels_say_that_the_engine_is_being_installed(addon, tmp_path, monkeypa
     monkeypatch.delenv(environment.VARIABLE, raising=False)
     monkeypatch.setattr(environment, "managed_environment", lambda: tmp_path / "environment")
     task = shortened(tmp_path, "import time; time.sleep(60)")
-    monkeypatch.setattr(operators, "_task", task)
-    monkeypatch.setattr(operators, "_kind", "install")
+    current_task.begin("install", task)
     while task.title != "Checking the engine":
         task.drain()
     layout = Recorder()
@@ -78,7 +77,7 @@ def test_the_engine_is_not_replaced_under_a_running_job(addon, tmp_path, monkeyp
 
 def test_check_engine(addon, engine, monkeypatch, tmp_path):
     assert bpy.ops.mgf.check_engine() == {"FINISHED"}
-    assert operators.current()[1].output[-1] == "Everything a job needs is here."
+    assert current_task.current()[1].output[-1] == "Everything a job needs is here."
     monkeypatch.setenv("MGF_ENGINE_PYTHON", sys.executable)
     with pytest.raises(RuntimeError, match="has no MGF engine"):
         bpy.ops.mgf.check_engine()
@@ -89,7 +88,7 @@ def test_check_engine(addon, engine, monkeypatch, tmp_path):
 
 def test_check_gpu(addon, engine):
     assert bpy.ops.mgf.check_gpu() == {"FINISHED"}
-    assert operators.current()[1].output[-1] == "The GPU passed in 9 s."
+    assert current_task.current()[1].output[-1] == "The GPU passed in 9 s."
     engine("bad")
     with pytest.raises(RuntimeError, match=r"^Error: The GPU did not pass\."):
         bpy.ops.mgf.check_gpu()

@@ -16,7 +16,7 @@ from jobs import write_engine
 
 import mgf_blender
 from mgf_blender.common import runner
-from mgf_blender.engine import operators as engine_operators
+from mgf_blender.engine import current_task
 from mgf_blender.georef.files import places_path
 from mgf_blender.georef.properties import set_mark
 from mgf_blender.prompts import files, preview
@@ -82,7 +82,7 @@ class Stage:
         async_import.register()
         async_import._problems.clear()
         preview.forget()
-        engine_operators.forget()
+        current_task.forget()
         os.environ.clear()
         os.environ.update(self.environment)
         self.reset_files()

@@ -43,6 +43,14 @@ def test_every_way_to_name_the_model(addon, house):
             bpy.ops.mgf.import_colmap(filepath=wrong)
 
 
+def test_the_model_is_read_once(addon, house, monkeypatch):
+    """That of a large scene takes seconds, in which Blender stands still."""
+    read, whole = [], Path.read_bytes
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path.name) or whole(path))
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    assert sorted(read) == ["cameras.bin", "images.bin", "points3D.bin"] and len(addon.photos) >= 3
+
+
 @pytest.mark.parametrize("override", [False, True])
 def test_what_is_linked_from_another_file_is_neither_replaced_nor_added_to(addon, house, tmp_path, override):
     """Blender lets nobody link objects into such collections, and what was removed from them would come back."""

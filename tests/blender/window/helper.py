@@ -122,8 +122,8 @@ def state():
         preview = addon_module("prompts.preview")
         if preview is not None:
             found["previews"] = {p.photo: [p.status, p.text, p.seconds] for p in preview._latest.values()}
-        operators = addon_module("engine.operators")
-        task = operators.current()[1] if operators is not None else None
+        current_task = addon_module("engine.current_task")
+        task = current_task.current()[1] if current_task is not None else None
         found["task"] = None if task is None else [task.status, task.title, task.text]
     if area.type == "IMAGE_EDITOR" and area.spaces.active.image is not None:
         win = region(area, "WINDOW")
