@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from .errors import UserError
+from .errors import UserError, reason
 from .text import tr
 
 
@@ -52,5 +52,4 @@ def cannot_write(path: Path, error: Exception) -> str:
     """Return one sentence for a file that could not be written."""
     if getattr(error, "errno", None) in {errno.ENOSPC, errno.EDQUOT} or "No space left" in str(error):
         return tr("The disk is full, '{path}' was not written; free some space and try again.", path=path)
-    reason = getattr(error, "strerror", None) or str(error).strip()
-    return tr("Cannot write '{path}' ({reason}); choose another folder.", path=path, reason=reason)
+    return tr("Cannot write '{path}' ({reason}); choose another folder.", path=path, reason=reason(error).strip())

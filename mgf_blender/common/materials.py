@@ -42,14 +42,14 @@ def _color_material(name: str, roughness: float, attribute: str = "") -> bpy.typ
     return material
 
 
-def new_material(name: str, roughness: float) -> tuple[bpy.types.Material, bpy.types.ShaderNode]:
+def new_material(name: str, roughness: float, specular: float = 0.2) -> tuple[bpy.types.Material, bpy.types.ShaderNode]:
     """Return a material with little shine, and its shader node."""
     material = bpy.data.materials.new(name)
     if not material.node_tree:
         material.use_nodes = True
     shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
     shader.inputs["Roughness"].default_value = roughness
-    shader.inputs["Specular IOR Level"].default_value = 0.2
+    shader.inputs["Specular IOR Level"].default_value = specular
     return material, shader
 
 

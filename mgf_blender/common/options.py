@@ -52,11 +52,17 @@ def changed(options: bpy.types.PropertyGroup) -> dict[str, Any]:
     for name in OPTIONS:
         if name == "preset":
             continue
-        value, default = getattr(options, name), default_of(name, options.preset)
+        value, default = _value(options, name), default_of(name, options.preset)
         same = abs(value - default) <= 1e-6 * max(1.0, abs(default)) if isinstance(default, float) else value == default
         if not same:
-            result[name] = round(value, 7) if isinstance(value, float) else value
+            result[name] = value
     return result
+
+
+def _value(options: bpy.types.PropertyGroup, name: str) -> Any:
+    """Return the value of an option; Blender's float32 numbers have seven digits."""
+    value = getattr(options, name)
+    return round(value, 7) if isinstance(value, float) else value
 
 
 def arguments(options: bpy.types.PropertyGroup, also: Iterable[str] = ()) -> list[str]:
@@ -68,8 +74,7 @@ def arguments(options: bpy.types.PropertyGroup, also: Iterable[str] = ()) -> lis
     values = changed(options)
     for name in also:
         if name in OPTIONS and name != "preset":
-            value = getattr(options, name)
-            values[name] = round(value, 7) if isinstance(value, float) else value
+            values[name] = _value(options, name)
     result = ["--set", f"preset={options.preset}"]
     for name, value in values.items():
         result += ["--set", f"{name}={_text(value)}"]

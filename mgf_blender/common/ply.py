@@ -7,12 +7,13 @@ of the file until the offset of the scene is taken off, so the add-on reads PLY 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from .errors import UserError
+from .errors import UserError, reason
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -78,7 +79,7 @@ def read_ply(path: Path) -> Ply:
         raise UserError(
             "Cannot read '{path}' ({reason}); check that the file exists.",
             path=path,
-            reason=error.strerror or error,
+            reason=reason(error),
         ) from error
     order, elements, start = _read_header(data, path)
     try:
@@ -177,8 +178,13 @@ def _binary_faces(data: bytes, start: int, element: _Element, order: str) -> tup
         start += head.itemsize
         corners = np.frombuffer(data, item, n, start)
         start += n * item.itemsize
-        fans.extend((corners[0], corners[i], corners[i + 1]) for i in range(1, n - 1))
+        fans.extend(_fan(corners))
     return np.array(fans, np.int64).astype(np.int32).reshape(-1, 3), start
+
+
+def _fan(corners: Sequence[int]) -> Iterator[tuple[int, int, int]]:
+    """Cut a polygon into triangles that share its first corner."""
+    return ((corners[0], corners[i], corners[i + 1]) for i in range(1, len(corners) - 1))
 
 
 def _ascii_tables(data: bytes, elements: list[_Element]) -> dict[str, object]:
@@ -199,7 +205,7 @@ def _ascii_tables(data: bytes, elements: list[_Element]) -> dict[str, object]:
                 corners = [int(v) for v in row[1 : n + 1]]
                 if len(corners) != n:
                     raise ValueError("face cut short")
-                fans.extend((corners[0], corners[i], corners[i + 1]) for i in range(1, n - 1))
+                fans.extend(_fan(corners))
             tables[element.name] = np.array(fans, np.int32).reshape(-1, 3)
         else:
             columns = np.array(rows, dtype=np.float64).reshape(element.count, len(element.scalars))

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
-from .errors import UserError
+from .errors import UserError, reason
 
 _PIECE = 1 << 16  # bytes read at a time
 
@@ -60,11 +60,10 @@ class Process:
             )  # fmt: skip
         except OSError as error:
             self._close()
-            reason = error.strerror or error
             raise UserError(
                 "Cannot start '{command}' ({reason}); check the engine in the preferences.",
                 command=self.command[0],
-                reason=reason,
+                reason=reason(error),
             ) from error
         for output in self._outputs.values():
             output.end.close()  # the child's alone from now on

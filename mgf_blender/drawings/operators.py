@@ -10,11 +10,9 @@ from ..common.errors import UserError
 from ..common.job import Job
 from ..common.operators import Operator
 from ..common.selection import select_only, selected_objects
-from ..engine.environment import engine_command
-from ..properties import scene_key
+from ..job_folder import has_job_file, job_folder
 from ..reconstruct.operators import FinishedJobOperator, submit
-from ..reconstruct.start import ended, has_job_file, job_folder
-from ..results.load import job_name
+from ..reconstruct.start import tool_job
 from ..scene_import.cameras import IMAGE_KEY
 from ..scene_import.operators import SceneOperator
 from ..scene_import.tree import Tree
@@ -28,10 +26,10 @@ def drawings_job(scene: bpy.types.Scene) -> Job:
     Raises:
         UserError: nothing is to be drawn, or there is no engine.
     """
-    wanted, folder, tree = scene.mgf.drawings, job_folder(scene), Tree.find(scene)
+    wanted, tree = scene.mgf.drawings, Tree.find(scene)
     if not wanted.kinds:
         raise UserError("Nothing is chosen to be drawn; choose orthophotos, elevations or another kind.")
-    command = ["drawings", str(folder), "--progress", "json", "--cancel-on-eof", "--paper", wanted.paper]
+    command = ["drawings", str(job_folder(scene)), "--paper", wanted.paper]
     for kind in sorted(wanted.kinds):
         command += ["--draw", kind]
     if wanted.resolution > 0:
@@ -43,9 +41,7 @@ def drawings_job(scene: bpy.types.Scene) -> Job:
         sections.append(f"z={wanted.height:.6g}")
     for text in sections:
         command += ["--section", text]
-    return Job(
-        engine_command(*command), folder, job_name(folder), "drawings", scene_key(scene), on_end=ended,
-    )  # fmt: skip
+    return tool_job(scene, "drawings", command)
 
 
 class MGF_OT_make_drawings(FinishedJobOperator):

@@ -10,7 +10,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 from ..common.process import Process
 
 _REMOVE = "import shutil, sys\nfor folder in sys.argv[1:]: shutil.rmtree(folder, ignore_errors=True)"
@@ -108,5 +108,5 @@ def _in_use(target: Path, error: OSError) -> UserError:
     return UserError(
         "The engine in '{folder}' is in use ({reason}); close other Blender windows and try again.",
         folder=target,
-        reason=error.strerror or error,
+        reason=reason(error),
     )

@@ -101,14 +101,14 @@ def read_marks(scene: bpy.types.Scene, path: Path) -> int:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = [(r["name"], r["photo"], (float(r["x"]), float(r["y"]))) for r in csv.DictReader(file)]
+        if not rows or not all(math.isfinite(v) for *_, uv in rows for v in uv):
+            raise ValueError("no marks")
     except OSError as error:
         raise UserError(
             "Cannot read '{path}' ({error}); choose a CSV of marks.", path=path, error=reason(error)
         ) from error
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise UserError("'{path}' is no file of marks; its heading should be name, photo, x, y.", path=path) from error
-    if not rows or not all(math.isfinite(v) for *_, uv in rows for v in uv):
-        raise UserError("'{path}' is no file of marks; its heading should be name, photo, x, y.", path=path)
     for point, photo, uv in rows:
         set_mark(scene, point, photo, uv)
     return len(rows)

@@ -6,10 +6,10 @@ import bpy
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
+from ..job_folder import has_job_file, job_folder
 from ..prompts.operators import choose_photo, open_photo
 from ..prompts.properties import active_photo
 from ..reconstruct.operators import FinishedJobOperator, submit
-from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.operators import SceneOperator, frame_tree
 from ..scene_import.tree import Tree
@@ -147,8 +147,8 @@ class MGF_OT_use_in_reconstruction(Operator):
         marks = files.marks_path(job_folder(context.scene))
         files.write_marks(context.scene, marks)
         values.crs, values.marks = state.crs.strip(), str(marks)
-        values.control = bpy.path.abspath(state.control_file) if state.control_file else ""
-        values.scale_bars = bpy.path.abspath(state.scale_bars) if state.scale_bars else ""
+        values.control = bpy.path.abspath(state.control_file)
+        values.scale_bars = bpy.path.abspath(state.scale_bars)
         self.report({"INFO"}, tr("The next reconstruction adjusts the cameras to the points"))
 
 

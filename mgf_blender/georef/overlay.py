@@ -8,8 +8,8 @@ import math
 import bpy
 
 from ..common.image_overlay import ImageOverlay, draw_lines
+from ..job_folder import has_job_file, job_folder
 from ..prompts.properties import photo_of_image
-from ..reconstruct.start import has_job_file, job_folder
 from .files import read_places
 from .properties import active_point
 

@@ -8,10 +8,10 @@ import bpy
 from ..common import runner
 from ..common.errors import UserError
 from ..common.job import DONE, Job
-from ..engine.environment import engine_command
+from ..job_folder import has_job_file, job_folder
+from ..operator_calls import run_in
 from ..properties import scene_key, scene_of
-from ..reconstruct.start import has_job_file, job_folder, run_in
-from ..results.load import job_name
+from ..reconstruct.start import tool_job
 from .files import marks_path, marks_text, places_path, read_placement, read_places, write_marks
 
 
@@ -22,17 +22,14 @@ def georef_job(scene: bpy.types.Scene) -> Job:
         UserError: control points are given but none is marked, or there is no engine.
     """
     state, folder = scene.mgf.georef, job_folder(scene)
-    command = ["georef", str(folder), "--progress", "json", "--cancel-on-eof", "--crs", state.crs.strip()]
-    control = bpy.path.abspath(state.control_file) if state.control_file else ""
-    bars = bpy.path.abspath(state.scale_bars) if state.scale_bars else ""
-    marks = ""
+    control, bars, marks = bpy.path.abspath(state.control_file), bpy.path.abspath(state.scale_bars), ""
     if len(state.marks):
         write_marks(scene, marks_path(folder))
         marks = str(marks_path(folder))
     elif bars or (control and not control.lower().endswith(".txt")):
         raise UserError("No point is marked yet; mark each in two photos or more in the Image Editor.")
-    command += ["--control", control, "--marks", marks, "--scale-bars", bars]
-    return Job(engine_command(*command), folder, job_name(folder), "georef", scene_key(scene), on_end=ended)
+    command = ["georef", str(folder), "--crs", state.crs.strip(), "--control", control, "--marks", marks]
+    return tool_job(scene, "georef", [*command, "--scale-bars", bars], on_end=ended)
 
 
 def places_job(scene: bpy.types.Scene) -> Job:
@@ -44,12 +41,12 @@ def places_job(scene: bpy.types.Scene) -> Job:
     state, folder = scene.mgf.georef, job_folder(scene)
     if not state.control_file:
         raise UserError("No file of control points is chosen; choose a CSV with name, east, north, height.")
-    command = ["georef", str(folder), "--progress", "json", "--cancel-on-eof", "--crs", state.crs.strip()]
+    command = ["georef", str(folder), "--crs", state.crs.strip()]
     command += ["--predict", str(places_path(folder)), "--control", bpy.path.abspath(state.control_file)]
     write_marks(scene, marks_path(folder))
     if len(state.marks):
         command += ["--marks", str(marks_path(folder))]
-    return Job(engine_command(*command), folder, job_name(folder), "places", scene_key(scene), on_end=ended)
+    return tool_job(scene, "places", command, on_end=ended)
 
 
 def predict_again(scene: bpy.types.Scene) -> None:

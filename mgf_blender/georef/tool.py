@@ -4,7 +4,7 @@
 import bpy
 
 from ..common.errors import UserError
-from ..prompts.tool import DragOnPhoto, OnPhoto, redraw
+from ..prompts.tool import DragOnPhoto, OnPhoto, redraw_area
 from . import magnifier
 from .properties import active_point, mark_of, set_mark
 from .start import predict_again
@@ -58,7 +58,7 @@ class MGF_OT_mark(_OnMark, DragOnPhoto):
 
     def run(self, context: bpy.types.Context) -> None:
         set_mark(context.scene, *self._names(context), self.uv)
-        redraw(context)
+        redraw_area(context)
         predict_again(context.scene)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -71,7 +71,7 @@ class MGF_OT_mark(_OnMark, DragOnPhoto):
         if event.shift and self._before is not None:
             self.uv = self._before
         self._put(context)
-        redraw(context)
+        redraw_area(context)
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -118,7 +118,7 @@ class MGF_OT_remove_mark(_OnMark):
         if at < 0:
             return {"CANCELLED"}
         context.scene.mgf.georef.marks.remove(at)
-        redraw(context)
+        redraw_area(context)
         predict_again(context.scene)
         return {"FINISHED"}
 

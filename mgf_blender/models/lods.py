@@ -79,9 +79,7 @@ def shown_level(tree: Tree) -> int | None:
 def clear_levels(tree: Tree) -> None:
     """Remove the imported levels with their materials and pictures."""
     tree.clear(KIND)
-    for store in (bpy.data.materials, bpy.data.images):  # in this order: materials use pictures
-        for block in [b for b in store if _OURS in b and b.users == 0]:
-            store.remove(block)
+    _remove_unused()
 
 
 def _read(path: Path) -> bpy.types.Object:
@@ -133,6 +131,11 @@ def _remove(objects: list[bpy.types.Object]) -> None:
     meshes = [o.data for o in objects]
     bpy.data.batch_remove(objects)
     bpy.data.batch_remove([m for m in meshes if m.users == 0])
-    for store in (bpy.data.materials, bpy.data.images):
+    _remove_unused()
+
+
+def _remove_unused() -> None:
+    """Remove our materials and pictures that nothing uses."""
+    for store in (bpy.data.materials, bpy.data.images):  # in this order: materials use pictures
         for block in [b for b in store if _OURS in b and b.users == 0]:
             store.remove(block)

@@ -9,11 +9,9 @@ from ..common.operators import Operator
 from ..common.selection import select_only
 from ..common.text import tr
 from ..common.views import draw_texture
-from ..engine.environment import engine_command
-from ..properties import scene_key
+from ..job_folder import has_job_file, job_folder, job_name
 from ..reconstruct.operators import FinishedJobOperator, submit
-from ..reconstruct.start import ended, has_job_file, job_folder
-from ..results.load import job_name
+from ..reconstruct.start import tool_job
 from ..scene_import.tree import Tree
 from .index import FILE, FOLDER, read_levels
 from .lods import import_levels, levels_of, show_level
@@ -25,15 +23,15 @@ def models_job(scene: bpy.types.Scene) -> Job:
     Raises:
         UserError: nothing is to be made, or there is no engine.
     """
-    wanted, folder = scene.mgf.models, job_folder(scene)
+    wanted = scene.mgf.models
     if not wanted.kinds:
         raise UserError("Nothing is chosen to be made; choose levels of detail, the solid or another kind.")
-    command = ["models", str(folder), "--progress", "json", "--cancel-on-eof", "--only", ",".join(sorted(wanted.kinds))]
+    command = ["models", str(job_folder(scene)), "--only", ",".join(sorted(wanted.kinds))]
     if wanted.draco:
         command.append("--draco")
     if wanted.detail > 0:
         command += ["--detail", f"{wanted.detail:.6g}"]
-    return Job(engine_command(*command), folder, job_name(folder), "models", scene_key(scene), on_end=ended)
+    return tool_job(scene, "models", command)
 
 
 class MGF_OT_make_models(FinishedJobOperator):

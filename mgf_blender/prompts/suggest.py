@@ -13,11 +13,11 @@ from ..common.editors import areas_of
 from ..common.job import DONE, Job
 from ..common.operators import Operator
 from ..common.text import tr
-from ..engine.environment import engine_command
-from ..properties import scene_key, scene_of
+from ..job_folder import job_folder
+from ..operator_calls import run_in
+from ..properties import scene_of
 from ..reconstruct.operators import JobOperator, submit
-from ..reconstruct.start import job_folder, job_options, run_in
-from ..results.load import job_name
+from ..reconstruct.start import job_options, tool_job
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
 from ..scene_import.tree import Tree
@@ -37,11 +37,11 @@ def suggest_job(scene: bpy.types.Scene) -> Job:
     """
     state, folder = scene.mgf, job_folder(scene)
     command = ["suggest-clicks", bpy.path.abspath(state.source), "--job", str(folder), "--out", str(_out(folder))]
-    command += ["--progress", "json", "--cancel-on-eof", *job_options(scene, folder)]
+    command += job_options(scene, folder)
     tree = find_source(scene)
     if state.suggest_at == "CURSOR" and tree is not None:
         command += ["--point", *(f"{v:.9g}" for v in _cursor(scene, tree))]
-    return Job(engine_command(*command), folder, job_name(folder), KIND, scene_key(scene), on_end=_ended)
+    return tool_job(scene, KIND, command, on_end=_ended)
 
 
 def _out(folder: Path) -> Path:
@@ -120,10 +120,10 @@ class MGF_OT_take_suggestions(Operator):
             for u, v, negative, part in clicks:
                 files.add_click(photo, u, v, negative, part, proposed=True)
             taken += len(clicks)
-        first = next((i for i, photo in enumerate(state.photos) if photo in proposed(scene)), None)
-        if first is not None and not _working(scene):
-            state.photo_index = first
-        text = tr("{count} points proposed in {photos} photos", count=taken, photos=len(proposed(scene)))
+        shown = proposed(scene)
+        if shown and not _working(scene):
+            state.photo_index = state.photos.find(shown[0].name)
+        text = tr("{count} points proposed in {photos} photos", count=taken, photos=len(shown))
         self.report({"INFO"}, text)
 
 

@@ -69,13 +69,13 @@ class DragOnPhoto(OnPhoto):
         if event.type == "MOUSEMOVE":
             self._locate(context, event)
             self.move(context, event)
-            redraw(context)
+            redraw_area(context)
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
             self.drop(context)
             return {"FINISHED"}
         elif event.type in {"ESC", "RIGHTMOUSE"}:
             self.put_back(context)
-            redraw(context)
+            redraw_area(context)
             return {"CANCELLED"}
         return {"RUNNING_MODAL"}
 
@@ -123,7 +123,7 @@ class MGF_OT_click(_OnClicks, DragOnPhoto):
         photo = self._photo(context)
         part = BUILDING if self.negative else context.scene.mgf.part.strip().lower() or BUILDING
         add_click(photo, *self.uv, self.negative, part)
-        redraw(context)
+        redraw_area(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._locate(context, event)
@@ -132,10 +132,11 @@ class MGF_OT_click(_OnClicks, DragOnPhoto):
         photo = self._photo(context)
         self._at = nearest(photo, *self.uv, self.reach)
         self._moved = self._at >= 0
-        self._before = (tuple(photo.clicks[self._at].uv), photo.clicks[self._at].proposed) if self._moved else None
         if self._moved:
-            photo.clicks[self._at].proposed = False
-        if not self._moved:
+            click = photo.clicks[self._at]
+            self._before = tuple(click.uv), click.proposed
+            click.proposed = False
+        else:
             self.run(context)
             self._at = len(photo.clicks) - 1
         context.window_manager.modal_handler_add(self)
@@ -181,7 +182,7 @@ class MGF_OT_remove_click(_OnClicks):
         if index < 0:
             return {"CANCELLED"}
         photo.clicks.remove(index)
-        redraw(context)
+        redraw_area(context)
         return {"FINISHED"}
 
 
@@ -262,9 +263,10 @@ def _once() -> float | None:
     return None if take_up_again() else 0.3
 
 
-def redraw(context: bpy.types.Context) -> None:
+def redraw_area(context: bpy.types.Context) -> None:
+    """Draw the editor under the pointer again, with its sidebar, which would keep showing the old count."""
     if context.area is not None:
-        context.area.tag_redraw()  # the sidebar too, or it keeps showing the old count
+        context.area.tag_redraw()
 
 
 CLASSES = (MGF_OT_click, MGF_OT_remove_click, MGF_OT_use_point_tool)

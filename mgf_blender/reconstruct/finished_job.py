@@ -7,10 +7,10 @@ import bpy
 
 from ..common import runner
 from ..common.panels import SidebarPanel
+from ..job_folder import has_job_file
 from ..properties import key_of
 from .operators import last_job
 from .panel import draw_job
-from .start import has_job_file
 
 
 class FinishedJobPanel(SidebarPanel):

@@ -13,6 +13,7 @@ from ..common.files import open_file
 from ..common.job import DONE, STAGES, Job
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
+from ..job_folder import broke_off, given_options, has_job_file, job_folder
 from ..properties import key_of
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
@@ -20,7 +21,7 @@ from ..scene_import.locate import holds_model, holds_photos
 from ..scene_import.operators import bring_in, frame_tree
 from . import preview_image
 from .engine_messages import in_panel_terms, translate_message
-from .start import broke_off, given_options, has_job_file, job_folder, make_job
+from .start import make_job
 
 
 def submit(operator: bpy.types.Operator, job: Job) -> set[str]:

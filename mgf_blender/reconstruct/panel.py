@@ -11,10 +11,10 @@ from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr, widest
 from ..engine.status_label import draw_engine_missing
+from ..job_folder import has_job_file
 from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_message
 from .estimate import estimate, format_duration, photos_of
 from .operators import interrupted, last_job
-from .start import has_job_file
 
 _DONE = {
     "reconstruct": N_("Mesh finished in {time}"),

@@ -20,6 +20,7 @@ import numpy as np
 from ..common.errors import UserError, sentence
 from ..common.meshes import mesh_steps
 from ..common.runner import redraw
+from ..operator_calls import run_in
 from ..properties import key_of, scene_key, scene_of
 from .load import SHARP_ANGLE, Content, fitting_tree, reading_steps
 
@@ -86,6 +87,20 @@ class AsyncImport:
             return None
         del mesh[_KEY]
         return mesh
+
+    def take_content(self) -> Content | None:
+        """Return what was read.
+
+        Raises:
+            UserError: it could not be read.
+        """
+        if isinstance(self.error, UserError):
+            raise self.error
+        if self.error is not None:
+            raise UserError(
+                "The results cannot be read ({error!r}); run the job again.", error=self.error
+            ) from self.error
+        return self.content
 
     def drop(self) -> None:
         """Remove what was made and not taken."""
@@ -166,8 +181,6 @@ def longest_step() -> float:
 
 
 def _import(key: str, pending: AsyncImport) -> None:
-    from ..reconstruct.start import run_in
-
     scene = scene_of(key)
     if scene is not None:
         text = run_in(scene, "import_result", directory=str(pending.folder))
@@ -210,18 +223,3 @@ def unregister() -> None:
             pending.drop()
     _imports.clear()
     _problems.clear()
-
-
-def content_of(pending: AsyncImport) -> Content | None:
-    """Return what was read.
-
-    Raises:
-        UserError: it could not be read.
-    """
-    if isinstance(pending.error, UserError):
-        raise pending.error
-    if pending.error is not None:
-        raise UserError(
-            "The results cannot be read ({error!r}); run the job again.", error=pending.error
-        ) from pending.error
-    return pending.content

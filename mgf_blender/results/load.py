@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from ..common.meshes import MeshData, make_mesh, prepare_mesh
 from ..common.ply import read_ply
 from ..common.textures import texture_material
 from ..common.views import draw_texture
+from ..job_folder import job_name
 from ..scene_import.cameras import (
     DISTORTED_KEY,
     PHOTO_KEY,
@@ -30,7 +30,7 @@ from ..scene_import.cameras import (
 )
 from ..scene_import.frame import SceneFrame, make_frame, turn_as_held
 from ..scene_import.tree import Tree, hide
-from .job_folder import Delivery, ResultView, read_delivery
+from .delivery import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
 from .surface import paints_texture, show
 from .texture import check_picture, load_texture, read_uv, remove_unused_textures
@@ -38,7 +38,6 @@ from .view_mode import forget_results
 
 SHARP_ANGLE = 40.0  # degrees
 _BESIDE_MESH = 1 / 3  # size of the drawn cameras once there is a mesh: in full size they stand before it
-_UNNAMED = re.compile(r"mgf_job(_\d+)?")  # default folders, which lie in one that people gave a name
 
 
 @dataclass(frozen=True)
@@ -180,11 +179,6 @@ def _replace_mesh(
     for points in tree.objects("Points"):
         hide(points)  # they would speckle the surface
     return obj
-
-
-def job_name(folder: Path) -> str:
-    """Return what people call a job: the name of its folder, or of the folder around one that was never named."""
-    return folder.parent.name if _UNNAMED.fullmatch(folder.name) and folder.parent.name else folder.name or "Building"
 
 
 def _foreign(tree: Tree, delivery: Delivery) -> bool:

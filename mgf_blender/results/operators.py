@@ -13,15 +13,15 @@ from ..common.operators import FileOperator, Operator
 from ..common.selection import select_only
 from ..common.text import tr
 from ..common.views import draw_texture, enter_camera, follow_paint
+from ..job_folder import has_job_file, job_folder
 from ..prompts import files as prompts_files
 from ..prompts.operators import add_missing
-from ..reconstruct.start import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.operators import frame_object
 from ..scene_import.tree import Tree, hide
 from . import async_import, surface, view_mode
+from .delivery import read_delivery
 from .field import import_field
-from .job_folder import read_delivery
 from .load import fitting_tree, import_result
 from .runs import old_runs, remove_runs, shown_runs
 
@@ -61,7 +61,7 @@ class MGF_OT_import_result(FileOperator):
         if there is None and self.options.is_invoke and not bpy.app.background:
             async_import.begin(scene, folder)
             return {"CANCELLED"}  # nothing has changed yet; the last step calls this again, as one undo step
-        content = async_import.content_of(there) if there is not None else None
+        content = there.take_content() if there is not None else None
         mesh = there.take_mesh() if there is not None else None
         if there is None:
             async_import.forget(scene)
@@ -166,10 +166,11 @@ class MGF_OT_paint_mesh(Operator):
         return cls.needs(tree is not None and tree.objects("Mesh"), "Import a result first")
 
     def run(self, context: bpy.types.Context) -> None:
-        for obj in Tree.find(context.scene).objects("Mesh"):
+        tree = Tree.find(context.scene)
+        for obj in tree.objects("Mesh"):
             surface.show(obj.data, self.kind)
             hide(obj, False)
-        for level in Tree.find(context.scene).objects("LODs"):
+        for level in tree.objects("LODs"):
             hide(level)  # the finest lies on the mesh
         draw_texture(context.scene, self.kind == "TEXTURE")
 

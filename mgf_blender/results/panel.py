@@ -8,7 +8,7 @@ import bpy
 from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr
-from ..reconstruct.start import has_job_file, job_folder
+from ..job_folder import has_job_file, job_folder
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
 from . import surface, view_mode

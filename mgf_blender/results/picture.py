@@ -86,7 +86,7 @@ def _add_copies(stage: bpy.types.Scene, meshes: list[bpy.types.Object]) -> list[
 
 def _matte_material(picture: bpy.types.Image | None) -> bpy.types.Material:
     """Make a matte material with some emission, in the colours of a texture or else of the vertices."""
-    material, shader = new_material(_RIG, 0.9)
+    material, shader = new_material(_RIG, 0.9, specular=0.1)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     if picture is not None:
         color = add_texture_node(material.node_tree, picture)
@@ -96,7 +96,6 @@ def _matte_material(picture: bpy.types.Image | None) -> bpy.types.Material:
     for name in ("Base Color", "Emission Color"):
         links.new(color.outputs["Color"], shader.inputs[name])
     shader.inputs["Emission Strength"].default_value = _OWN_LIGHT
-    shader.inputs["Specular IOR Level"].default_value = 0.1
     return material
 
 
@@ -112,30 +111,33 @@ def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
 
 def _add_camera(
     stage: bpy.types.Scene, tree: Tree, xyz: np.ndarray, turn: float, size: tuple[int, int]
-) -> bpy.types.Object:
+) -> list[bpy.types.ID]:
     """Add a camera that frames the building from the side of the cameras, a little above them; returns its data."""
     low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
     middle = (low + high) / 2
     stands = np.array([np.array(o.matrix_world)[:3, 3] for o in tree.objects("Cameras")]).reshape(-1, 3)
-    view = stands.mean(axis=0) - middle if len(stands) else np.array([0.0, -1.0, 0.0])
-    around = stands - middle
-    if len(stands) and np.linalg.norm(view[:2]) < 0.3 * np.linalg.norm(around[:, :2], axis=1).mean():
-        view = around[0]  # photos all around: any side is as good
-    angle = math.atan2(view[1], view[0]) + math.radians(turn)
-    up = math.radians(_ELEVATION)
-    direction = np.array([math.cos(angle) * math.cos(up), math.sin(angle) * math.cos(up), math.sin(up)])
+    rotation = _direction(middle, stands, turn).to_track_quat("Z", "Y").to_matrix()
     data = bpy.data.cameras.new(_RIG)
     data.lens = _LENS
     obj = bpy.data.objects.new(_RIG, data)
     stage.collection.objects.link(obj)
     stage.camera = obj
-    rotation = Vector(direction.tolist()).to_track_quat("Z", "Y").to_matrix()
     distance, shift = _fit(xyz, middle, np.array(rotation), size)
     eye = middle + np.array(rotation) @ np.array([*shift, distance])
     obj.matrix_world = Matrix.Translation(eye.tolist()) @ rotation.to_4x4()
     reach = float(np.linalg.norm(high - low))
     data.clip_start, data.clip_end = 1e-3 * reach, 1e3 * reach
     return [obj, data]
+
+
+def _direction(middle: np.ndarray, stands: np.ndarray, turn: float) -> Vector:
+    """Return the unit vector from the building's middle [3] to the eye, for cameras that stand at ``stands`` [N, 3]."""
+    around = stands - middle
+    view = around.mean(axis=0) if len(stands) else np.array([0.0, -1.0, 0.0])
+    if len(stands) and np.linalg.norm(view[:2]) < 0.3 * np.linalg.norm(around[:, :2], axis=1).mean():
+        view = around[0]  # photos all around: any side is as good
+    angle, up = math.atan2(view[1], view[0]) + math.radians(turn), math.radians(_ELEVATION)
+    return Vector((math.cos(angle) * math.cos(up), math.sin(angle) * math.cos(up), math.sin(up)))
 
 
 def _fit(xyz: np.ndarray, middle: np.ndarray, rotation: np.ndarray, size: tuple[int, int]) -> tuple[float, np.ndarray]:
@@ -179,12 +181,8 @@ def _add_ground(stage: bpy.types.Scene, xyz: np.ndarray) -> list[bpy.types.ID]:
     rim = [(middle[0] + reach * math.cos(a), middle[1] + reach * math.sin(a), low[2]) for a in angles]
     mesh = bpy.data.meshes.new(_RIG)
     mesh.from_pydata(rim, [], [tuple(range(64))])
-    material = bpy.data.materials.new(_RIG)
-    if not material.node_tree:
-        material.use_nodes = True
-    shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    material, shader = new_material(_RIG, 1.0, specular=0.5)
     shader.inputs["Base Color"].default_value = (0.55, 0.55, 0.53, 1)
-    shader.inputs["Roughness"].default_value = 1.0
     mesh.materials.append(material)
     obj = bpy.data.objects.new(_RIG, mesh)
     stage.collection.objects.link(obj)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 
 _FOLDER, _RECORD = "runs", "run.json"  # the engine writes the record last
 
@@ -42,7 +42,6 @@ def remove_runs(runs: list[Path]) -> None:
             (run / _RECORD).unlink()  # first: what is left of it is no run any more
             shutil.rmtree(run)
         except OSError as error:
-            reason = error.strerror or str(error)
             raise UserError(
-                "Cannot delete '{path}' ({reason}); close what uses it and try again.", path=run, reason=reason
+                "Cannot delete '{path}' ({reason}); close what uses it and try again.", path=run, reason=reason(error)
             ) from error

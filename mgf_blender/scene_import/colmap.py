@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..common.errors import UserError
+from ..common.errors import UserError, reason
 
 #: Model number in .bin files -> (name in .txt files, number of parameters). The COLMAP 4 list.
 CAMERA_MODELS = {
@@ -103,7 +103,7 @@ def read_model(folder: Path) -> Model:
             raise UserError(
                 "Cannot read '{path}' ({reason}); the model needs this file.",
                 path=path,
-                reason=error.strerror or error,
+                reason=reason(error),
             ) from error
         except UserError as error:
             raise UserError("'{path}': {error}", path=path, error=error) from error
