@@ -119,6 +119,24 @@ def test_the_add_on_imports_no_engine_and_the_engine_no_blender() -> None:
                 assert not {n.split(".")[0] for n in names} & forbidden, path
 
 
+def test_the_add_on_has_no_circle_and_no_hidden_import() -> None:
+    """A relative import inside a function hides a circle; which way one would run is then seen by nobody."""
+    paths = {path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): path
+             for path in (ROOT / "mgf_blender").rglob("*.py") if path.name != "__init__.py"}  # fmt: skip
+    graph: dict[str, set[str]] = {}
+    for name, path in paths.items():
+        tree, targets = ast.parse(path.read_text(encoding="utf-8")), set()
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ImportFrom) or not node.level:
+                continue
+            assert node in tree.body, f"{name}:{node.lineno}"
+            base = ".".join([*name.split(".")[: -node.level], *([node.module] if node.module else [])])
+            targets |= {found for alias in node.names for found in (f"{base}.{alias.name}", base) if found in paths}
+        graph[name] = targets
+    assert len(graph) > 100 and any(graph.values())
+    assert not [" -> ".join(circle) for circle in circles(graph)]
+
+
 #: Modules that import a package of an extra without a check of their own -> what refuses before they run.
 CHECKED = {
     "mgf_engine/georef/bundle_worker.py": "mgf_engine/georef/bundle.py",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can lie beside or in a finished job: models with levels of detail, and a town of such jobs."""
+"""What can lie beside or in a finished job: its georeference, models with levels of detail, a town of such jobs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,19 @@ import numpy as np
 #: Local frame of the models -> scene: turned by a quarter about z, twice as large, far away.
 TO_SCENE = np.array([[0, -2, 0, 500.0], [2, 0, 0, -300.0], [0, 0, 2, 7.0], [0, 0, 0, 1]])
 SIZES = 3.0, 2.0, 1.0  # of the square that each level is
-OFFSET = [691234.0, 5334876.0, 500.0]  # of the town
+OFFSET = [691234.0, 5334876.0, 500.0]  # of the local frame
+
+
+def write_georef(path: Path, rotation: np.ndarray, method: str) -> None:
+    """A ``georef.json`` in UTM: the scene is turned by a matrix [3, 3], doubled and moved to the local frame."""
+    to_local = np.eye(4)
+    to_local[:3, :3], to_local[:3, 3] = 2.0 * rotation, [3.0, -1.0, 19.0]
+    data = {
+        "format": 1, "to_local": to_local.tolist(), "offset": OFFSET, "crs": "EPSG:25832", "unit": "metre",
+        "up_known": True, "north_known": True, "method": method, "heights": "", "origin": [48.1, 11.6, 500.0],
+        "accuracy": {},
+    }  # fmt: skip
+    path.write_text(json.dumps(data))
 
 
 def write_models(folder: Path) -> Path:
@@ -63,13 +75,6 @@ def write_town(folder: Path, job: Path) -> Path:
     Args:
         job: a finished one, copied for each building.
     """
-    matrix = np.diag([2.0, 2.0, 2.0, 1.0])
-    matrix[:3, 3] = [3.0, -1.0, 19.0]
-    placement = {
-        "format": 1, "to_local": matrix.tolist(), "offset": OFFSET, "crs": "EPSG:25832", "unit": "metre",
-        "up_known": True, "north_known": True, "method": "gps", "heights": "", "origin": [48.1, 11.6, 500.0],
-        "accuracy": {},
-    }  # fmt: skip
     for name, corner in (("a", (0, 0, 0)), ("b", (20, 0, 1))):
         write_light(folder / "buildings" / name / "light.ply", corner)
         (folder / "buildings" / name / "done.json").write_text(json.dumps({"confidence": 0.75}))
@@ -77,5 +82,5 @@ def write_town(folder: Path, job: Path) -> Path:
     write_light(folder / "terrain" / "terrain.ply", (-5, -5, -1))
     rows = [{"id": name} for name in ("a", "b", "failed")]
     (folder / "buildings.json").write_text(json.dumps({"format": 1, "buildings": rows}))
-    (folder / "georef.json").write_text(json.dumps(placement))
+    write_georef(folder / "georef.json", np.eye(3), "gps")
     return folder

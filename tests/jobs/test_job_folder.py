@@ -15,12 +15,7 @@ from filelock import FileLock
 from mgf_engine.errors import BadInput
 from mgf_engine.jobs.job import Job
 from mgf_engine.jobs.job_folder import read_job
-from tests.support.jobs import finish_all, write_photo_folder
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    return write_photo_folder(tmp_path / "scene Ω")
+from tests.support.jobs import finish_all
 
 
 @pytest.mark.parametrize("what", ["file", "foreign", "other scene", "no resume", "same as scene", "missing scene"])

@@ -7,13 +7,14 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from mgf_engine.cli.main import main
 from mgf_engine.jobs.job import Job
-from mgf_engine.stages import STAGE_NAMES
+from mgf_engine.stages import STAGE_NAMES, stage_named
 
 ENVIRONMENT = {**os.environ, "OMP_WAIT_POLICY": "PASSIVE"}
 
@@ -48,3 +49,21 @@ def finish_all(job: Job) -> None:
     """Call all stages of a job finished."""
     for stage in STAGE_NAMES:
         job.finish(stage, job.keys[stage], 1.0, 2.0, 1, {}, [])
+
+
+def redone(folder: Path, change: Callable[[], object], *inputs: Path | None) -> list[str]:
+    """Stages that a change of the inputs makes run again, of a job that was finished before."""
+    with Job.start(folder, *inputs, resume=True) as job:
+        finish_all(job)
+        change()
+        assert all(job.done(stage) for stage in STAGE_NAMES)  # the run that is open ends as it began
+    with Job.start(folder, resume=True) as job:
+        return [stage for stage in STAGE_NAMES if not job.done(stage)]
+
+
+def leave_results(job: Job) -> None:
+    """Write a file in place of each result of the stages."""
+    for stage in STAGE_NAMES:
+        for name in (*stage_named(stage).required_outputs, *stage_named(stage).optional_outputs.get("texture", ())):
+            job.path(name).parent.mkdir(parents=True, exist_ok=True)
+            job.path(name).write_bytes(b"{}")

@@ -10,6 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from finished_work import OFFSET, write_georef
 from layouts import draw
 
 from mgf_blender.georef import files, magnifier, place
@@ -23,24 +24,13 @@ from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.tree import Tree
 
-OFFSET = [691234.0, 5334876.0, 500.0]
-
 
 @pytest.fixture
 def georef_json(tmp_path) -> Path:
     """A georeference that turns the house by 40 degrees, doubles it, and lies in UTM."""
-    a = np.radians(40.0)
-    matrix = np.eye(4)
-    matrix[:2, :2] = [[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]
-    matrix[:3, :3] *= 2.0
-    matrix[:3, 3] = [3.0, -1.0, 19.0]
-    data = {
-        "format": 1, "to_local": matrix.tolist(), "offset": OFFSET, "crs": "EPSG:25832", "unit": "metre",
-        "up_known": True, "north_known": True, "method": "control", "heights": "", "origin": [48.1, 11.6, 500.0],
-        "accuracy": {},
-    }  # fmt: skip
-    path = tmp_path / "georef.json"
-    path.write_text(json.dumps(data))
+    a, path = np.radians(40.0), tmp_path / "georef.json"
+    turned = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    write_georef(path, turned, "control")
     return path
 
 
