@@ -23,8 +23,9 @@ from mgf_engine.geometry.mesh_files import write_glb, write_obj, write_ply, writ
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.mesh.component_filter import faces_near_clicks
-from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
+from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.mesh.face_visibility import count_pixels
+from mgf_engine.mesh.ground_pixels import ground_pixels
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh

@@ -24,6 +24,22 @@ def draw_lines(ends: list[tuple[float, float]], width: float, color: tuple[float
     _draw("POLYLINE_UNIFORM_COLOR", "LINES", values, [(*p, 0.0) for p in ends])
 
 
+def draw_cross(middle: tuple[float, float], arm: float, gap: float, *strokes: tuple[float, tuple[float, ...]]) -> None:
+    """Draw a cross whose exact middle stays free, in the region's pixels.
+
+    Args:
+        middle: of the cross.
+        arm: from the middle to the ends.
+        gap: from the middle to where the arms begin.
+        strokes: widths and colours, drawn one over the other.
+    """
+    x, y = middle
+    ends = [(x - arm, y), (x - gap, y), (x + gap, y), (x + arm, y)]
+    ends += [(x, y - arm), (x, y - gap), (x, y + gap), (x, y + arm)]
+    for width, color in strokes:
+        draw_lines(ends, width, color)
+
+
 def _draw(shader_name: str, kind: str, values: dict[str, Any], points: list[Any], **given: Any) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader

@@ -50,7 +50,7 @@ class _ReplacesEngine(_EngineOperator):
 
 
 class MGF_OT_install_engine(_ReplacesEngine):
-    "Create a virtual environment and install the engine with its pinned packages"
+    """Create a virtual environment and install the engine with its pinned packages"""
 
     bl_idname = "mgf.install_engine"
     bl_label = "Install Engine"
@@ -73,7 +73,7 @@ class MGF_OT_install_engine(_ReplacesEngine):
 
 
 class MGF_OT_check_engine(_EngineOperator):
-    "Show versions, device and kernel variant of the engine"
+    """Show versions, device and kernel variant of the engine"""
 
     bl_idname = "mgf.check_engine"
     bl_label = "Check Engine"
@@ -130,7 +130,7 @@ class MGF_OT_cancel_engine_task(Operator):
 
 
 class MGF_OT_remove_engine(_ReplacesEngine):
-    "Delete the environment of the installed engine"
+    """Delete the environment of the installed engine"""
 
     bl_idname = "mgf.remove_engine"
     bl_label = "Remove Engine"

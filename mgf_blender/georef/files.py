@@ -124,6 +124,14 @@ def read_rows(job: Path) -> list[Row]:
     return _all_rows.get(job / "report.json") or []
 
 
+def rmse(rows: list[Row], role: str) -> float | None:
+    """Return the root mean square distance of the points of a role from where they should be, metres; None without
+    any that could be placed and agree with the others."""
+    squares = [sum(v * v for v in r.residual) for r in rows
+               if r.role == role and not r.note and math.isfinite(r.residual[0])]  # fmt: skip
+    return math.sqrt(sum(squares) / len(squares)) if squares else None
+
+
 def read_placement(job: Path) -> Placement | None:
     """Read the job's georeference."""
     return _placements.get(job / "georef.json")

@@ -13,7 +13,7 @@ from typing import Any
 
 import bpy
 
-from ..common.image_overlay import draw_lines
+from ..common.image_overlay import draw_cross, draw_lines
 from ..prompts.properties import photo_of_image
 from ..prompts.tool import TOOL_ID
 from .properties import active_point
@@ -139,10 +139,7 @@ def _draw_lens(
     shader.uniform_float("size", tuple(map(float, image.size)))
     shader.uniform_sampler("photo", gpu.texture.from_image(image))
     batch.draw(shader)
-    x, y = (x0 + x1) / 2, (y0 + y1) / 2
-    arms = [(x0, y), (x - _GAP, y), (x + _GAP, y), (x1, y), (x, y0), (x, y - _GAP), (x, y + _GAP), (x, y1)]
-    draw_lines(arms, 2.5, _DARK)
-    draw_lines(arms, 1.0, _LIGHT)
+    draw_cross(((x0 + x1) / 2, (y0 + y1) / 2), side / 2, _GAP, (2.5, _DARK), (1.0, _LIGHT))
     frame = [c for k in range(4) for c in (corners[k], corners[(k + 1) % 4])]
     draw_lines(frame, 4.0, _DARK)
     draw_lines(frame, 1.5, _FRAME)

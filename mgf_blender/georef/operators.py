@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators of the Georeference panels."""
 
+import bisect
+
 import bpy
 
 from ..common.errors import UserError
@@ -122,10 +124,7 @@ class MGF_OT_next_marked_photo(Operator):
         if not names:
             raise UserError("The imported scene has no cameras left; import it again.")
         here = active_photo(scene)
-        before = [n for n in names if here is not None and n <= here.name]
-        on_it = here is not None and here.name in names
-        at = len(before) - 1 + self.step + (0 if on_it or self.step > 0 else 1)
-        choose_photo(scene.mgf, cameras[names[at % len(names)]])
+        choose_photo(scene.mgf, cameras[step_from("" if here is None else here.name, names, self.step)])
 
 
 class MGF_OT_use_in_reconstruction(Operator):
@@ -185,6 +184,14 @@ class MGF_OT_import_marks(FileOperator):
     def run(self, context: bpy.types.Context) -> None:
         count = files.read_marks(context.scene, self.chosen_file())
         self.report({"INFO"}, tr("{count} marks read", count=count))
+
+
+def step_from(name: str, names: list[str], step: int) -> str:
+    """Return the name that is some steps from a place in a sorted list, going round at its ends; a name that is not in
+    the list has its place between two, so that the first step from it leads to the next of them."""
+    at = bisect.bisect_left(names, name)
+    between = at == len(names) or names[at] != name
+    return names[(at + step - (1 if between and step > 0 else 0)) % len(names)]
 
 
 def _known_points(scene: bpy.types.Scene) -> dict[str, files.Known]:

@@ -7,7 +7,7 @@ import math
 
 import bpy
 
-from ..common.image_overlay import ImageOverlay, draw_lines
+from ..common.image_overlay import ImageOverlay, draw_cross, draw_lines
 from ..job_folder import has_job_file, job_folder
 from ..prompts.properties import photo_of_image
 from .files import read_places
@@ -46,16 +46,9 @@ def draw() -> None:
             own = known.get(mark.point)
             wrong = own is not None and photo.name in own.wrong
             color = _WRONG if wrong else _CHOSEN if mark.point == name else _OTHER
-            _cross(*at(*mark.uv), scale, color)
+            draw_cross(at(*mark.uv), _ARM * scale, _GAP * scale, (3.0 * scale, _DARK), (1.5 * scale, color))
             if own is None or photo.name not in own.photos:
                 _name(*at(*mark.uv), _ARM * scale, mark.point, color)
-
-
-def _cross(x: float, y: float, scale: float, color: tuple[float, ...]) -> None:
-    a, g = _ARM * scale, _GAP * scale
-    arms = [(x - a, y), (x - g, y), (x + g, y), (x + a, y), (x, y - a), (x, y - g), (x, y + g), (x, y + a)]
-    draw_lines(arms, 3.0 * scale, _DARK)
-    draw_lines(arms, 1.5 * scale, color)
 
 
 def _ring(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:

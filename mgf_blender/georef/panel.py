@@ -68,12 +68,9 @@ def _draw_rows(layout: bpy.types.UILayout, rows: list[files.Row]) -> None:
         icon = "ERROR" if row.note else "RADIOBUT_OFF" if row.role == "check" else "RADIOBUT_ON"
         _draw_cells(box, (row.name, *values, _number(row.pixels, ".1f")), icon)
     for role, title in (("control", N_("Control")), ("check", N_("Check"))):
-        found = [r.residual for r in rows if r.role == role and not r.note and math.isfinite(r.residual[0])]
-        if found:
-            rms = [math.sqrt(sum(r[k] ** 2 for r in found) / len(found)) for k in range(3)]
-            total = math.sqrt(sum(v * v for v in rms))
-            text = tr("{role}: RMSE {total:.1f} mm", role=tr(title), total=1000 * total)
-            draw_sentence(box, text, "BLANK1")
+        error = files.rmse(rows, role)
+        if error is not None:
+            draw_sentence(box, tr("{role}: RMSE {total:.1f} mm", role=tr(title), total=1000 * error), "BLANK1")
 
 
 def _draw_cells(layout: bpy.types.UILayout, cells: tuple[str, ...], icon: str) -> None:

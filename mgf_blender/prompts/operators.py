@@ -17,7 +17,7 @@ from .properties import active_photo, photo_image
 
 
 class MGF_OT_mark_building(Operator):
-    "Open the photos to mark in an Image Editor, with the point tool active"
+    """Open the photos to mark in an Image Editor, with the point tool active"""
 
     bl_idname = "mgf.mark_building"
     bl_label = "Mark Building"
@@ -115,7 +115,7 @@ class MGF_OT_clear_clicks(Operator):
 
 
 class MGF_OT_import_prompts(FileOperator):
-    "Import points from a prompts.json file; they replace those of the same photos"
+    """Import points from a prompts.json file; they replace those of the same photos"""
 
     bl_idname = "mgf.import_prompts"
     bl_label = "Import Prompts"
@@ -162,7 +162,7 @@ class MGF_OT_export_prompts(FileOperator):
 
 
 class MGF_OT_preview_mask(Operator):
-    "Preview the mask that the points of this photo alone give, within seconds"
+    """Preview the mask that the points of this photo alone give, within seconds"""
 
     bl_idname = "mgf.preview_mask"
     bl_label = "Preview Mask"
@@ -198,7 +198,7 @@ class MGF_OT_cancel_preview(Operator):
 
 
 class MGF_OT_find_masks(JobOperator):
-    "Make the masks of all photos from the points so far; the reconstruction reuses them"
+    """Make the masks of all photos from the points so far; the reconstruction reuses them"""
 
     bl_idname = "mgf.find_masks"
     bl_label = "Find Masks in All Photos"

@@ -76,7 +76,7 @@ def drop_proposed(photo: bpy.types.PropertyGroup) -> None:
 
 
 class MGF_OT_suggest_clicks(JobOperator):
-    "Propose points on the building and beside it, out of the sparse points; they count when you accept them"
+    """Propose points on the building and beside it, out of the sparse points; they count when you accept them"""
 
     bl_idname = "mgf.suggest_clicks"
     bl_label = "Suggest"

@@ -64,7 +64,7 @@ class FinishedJobOperator(_StartsEngine):
 
 
 class MGF_OT_reconstruct(JobOperator):
-    "Reconstruct the building; the mesh is imported when the job ends"
+    """Reconstruct the building; the mesh is imported when the job ends"""
 
     bl_idname = "mgf.reconstruct"
     bl_label = "Reconstruct Building"
@@ -111,7 +111,7 @@ class MGF_OT_resume(JobOperator):
 
 
 class MGF_OT_cancel_job(Operator):
-    "Stop the job; finished work is kept, and Resume continues it"
+    """Stop the job; finished work is kept, and Resume continues it"""
 
     bl_idname = "mgf.cancel_job"
     bl_label = "Cancel"
@@ -174,7 +174,7 @@ class MGF_OT_import_sfm(Operator):
 
 
 class MGF_OT_show_preview(Operator):
-    "Show the latest picture of the job in an Image Editor: the masks, or a photo beside its render during training"
+    """Show the latest picture of the job in an Image Editor: the masks, or a photo beside its render during training"""
 
     bl_idname = "mgf.show_preview"
     bl_label = "Show Preview"

@@ -33,7 +33,7 @@ class _NeedsJob(Operator):
 
 
 class MGF_OT_import_result(FileOperator):
-    "Import mesh and renders of the job; replaces only the objects of an earlier import"
+    """Import mesh and renders of the job; replaces only the objects of an earlier import"""
 
     bl_idname = "mgf.import_result"
     bl_label = "Import Result"
@@ -95,7 +95,7 @@ class MGF_OT_import_result(FileOperator):
 
 
 class MGF_OT_import_field(_NeedsJob):
-    "Import the Gaussian field as colored points"
+    """Import the Gaussian field as colored points"""
 
     bl_idname = "mgf.import_field"
     bl_label = "Import Field as Points"
@@ -110,7 +110,7 @@ class MGF_OT_import_field(_NeedsJob):
 
 
 class MGF_OT_show_in_camera(Operator):
-    "Show photo, render, error map, or mesh over photo in the camera view"
+    """Show photo, render, error map, or mesh over photo in the camera view"""
 
     bl_idname = "mgf.show_in_camera"
     bl_label = "Show in Camera"
@@ -142,7 +142,7 @@ class MGF_OT_show_in_camera(Operator):
 
 
 class MGF_OT_paint_mesh(Operator):
-    "Set the colors of the mesh in the viewport and in renders"
+    """Set the colors of the mesh in the viewport and in renders"""
 
     bl_idname = "mgf.paint_mesh"
     bl_label = "Paint Mesh"
@@ -195,7 +195,7 @@ class MGF_OT_export_field(_NeedsJob, FileOperator):
 
 
 class MGF_OT_remove_old_runs(Operator):
-    "Delete results of earlier runs, except those this file shows; other files that show them lose their textures"
+    """Delete results of earlier runs, except those this file shows; other files that show them lose their textures"""
 
     bl_idname = "mgf.remove_old_runs"
     bl_label = "Remove Old Runs"

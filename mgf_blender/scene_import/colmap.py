@@ -12,6 +12,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -175,22 +176,33 @@ def make_camera(model: str, width: int, height: int, params: tuple[float, ...]) 
     return Camera(model, int(width), int(height), fx, fy, cx, cy, never or any(abs(k) > 1e-12 for k in rest))
 
 
-def _photo(row: tuple[int, str, int, np.ndarray, np.ndarray, int], cameras: dict[int, Camera], folder: Path) -> Photo:
-    number, name, camera_id, q, t, observed = row
-    if camera_id not in cameras:
+class _Row(NamedTuple):
+    """A photo as the files hold it: rotation as a quaternion (w, x, y, z)."""
+
+    number: int
+    name: str
+    camera: int
+    quaternion: np.ndarray
+    translation: np.ndarray
+    observed: int
+
+
+def _photo(row: _Row, cameras: dict[int, Camera], folder: Path) -> Photo:
+    if row.camera not in cameras:
         raise UserError(
             "The photo '{name}' in '{folder}' uses camera {camera_id}, which the model does not hold.",
-            name=name,
+            name=row.name,
             folder=folder,
-            camera_id=camera_id,
+            camera_id=row.camera,
         )
+    q, t = row.quaternion, row.translation
     if not (np.isfinite(q).all() and np.isfinite(t).all() and 1e-6 < np.abs(q).max() < 1e6):
         raise UserError(
             "The pose of the photo '{name}' in '{folder}' is not a number; export the model again.",
-            name=name,
+            name=row.name,
             folder=folder,
         )
-    return Photo(number, name, cameras[camera_id], quaternion_to_matrix(q), np.asarray(t, np.float64), observed)
+    return Photo(row.number, row.name, cameras[row.camera], quaternion_to_matrix(q), t, row.observed)
 
 
 def _points(xyz: list, rgb: list, error: list, length: list) -> Points:
@@ -256,7 +268,7 @@ def _cameras_bin(data: bytes) -> dict[int, Camera]:
     return cameras
 
 
-def _photos_bin(data: bytes) -> list[tuple]:
+def _photos_bin(data: bytes) -> list[_Row]:
     cursor, rows = _Cursor(data), []
     for _ in range(cursor.count(_PHOTO_HEAD.size + 9)):
         number, qw, qx, qy, qz, tx, ty, tz, camera_id = cursor.take(_PHOTO_HEAD)
@@ -265,7 +277,7 @@ def _photos_bin(data: bytes) -> list[tuple]:
         start = cursor.at
         cursor.skip(n * _KEYPOINT.itemsize)
         observed = int((np.frombuffer(data, _KEYPOINT, n, start)["point"] >= 0).sum())
-        rows.append((number, name, camera_id, np.array([qw, qx, qy, qz]), np.array([tx, ty, tz]), observed))
+        rows.append(_Row(number, name, camera_id, np.array([qw, qx, qy, qz]), np.array([tx, ty, tz]), observed))
     return rows
 
 
@@ -307,7 +319,7 @@ def _cameras_txt(data: bytes) -> dict[int, Camera]:
     return cameras
 
 
-def _photos_txt(data: bytes) -> list[tuple]:
+def _photos_txt(data: bytes) -> list[_Row]:
     # Two lines per photo; the second (its keypoints) may be empty, so blank lines count inside a pair.
     rows, lines = [], _lines(data)
     for line in lines:
@@ -316,7 +328,7 @@ def _photos_txt(data: bytes) -> list[tuple]:
             continue
         q, t = np.array([float(w) for w in words[1:5]]), np.array([float(w) for w in words[5:8]])
         observed = sum(not number.startswith("-") for number in next(lines, "").split()[2::3])
-        rows.append((int(words[0]), words[9].rstrip(), int(words[8]), q, t, observed))
+        rows.append(_Row(int(words[0]), words[9].rstrip(), int(words[8]), q, t, observed))
     return rows
 
 

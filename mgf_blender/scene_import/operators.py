@@ -66,7 +66,7 @@ class MGF_OT_import_colmap(FileOperator):
 
 
 class MGF_OT_reload_scene(Operator):
-    "Import the source again; replaces only the add-on's own objects"
+    """Import the source again; replaces only the add-on's own objects"""
 
     bl_idname = "mgf.reload_scene"
     bl_label = "Import Again"
@@ -106,7 +106,7 @@ class MGF_OT_look_through(SceneOperator):
 
 
 class MGF_OT_add_crop_box(SceneOperator):
-    "Add a box around the points; only its inside is meshed. Move, rotate and scale it like any object"
+    """Add a box around the points; only its inside is meshed. Move, rotate and scale it like any object"""
 
     bl_idname = "mgf.add_crop_box"
     bl_label = "Add Crop Box"

@@ -63,7 +63,7 @@ class MGF_OT_set_scale(SceneOperator):
 
 
 class MGF_OT_set_up_axis(SceneOperator):
-    "Set the direction of the scene that points up"
+    """Set the direction of the scene that points up"""
 
     bl_idname = "mgf.set_up_axis"
     bl_label = "Set Up Axis"

@@ -17,8 +17,8 @@ from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.jobs.job_folder import read_job
 from mgf_engine.masks.store import read_masks
+from mgf_engine.mesh.ground_pixels import nearest_pixels
 from mgf_engine.mesh.parts import named_parts
-from mgf_engine.mesh.planar_clustering import nearest_pixels
 from mgf_engine.mesh.screening import voting_views
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import MaskSet

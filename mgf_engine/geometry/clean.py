@@ -115,8 +115,7 @@ def smooth(mesh: Mesh, rounds: int) -> Mesh:
     """Move every vertex half way to the mean of its neighbours, ``rounds`` times; open rims stay where they are."""
     if rounds <= 0 or len(mesh.faces) == 0:
         return mesh
-    fixed, vertices = np.zeros(len(mesh.vertices), bool), np.ascontiguousarray(mesh.vertices)
-    fixed[np.concatenate(open_edges(mesh))] = True
+    fixed, vertices = border_vertices(mesh), np.ascontiguousarray(mesh.vertices)
     for _ in range(rounds):
         vertices = mesh.adjacency.smooth(vertices, fixed)
     return replace(mesh, vertices=vertices)
@@ -175,3 +174,10 @@ def open_edges(mesh: Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return edges with one face only, in the direction of that face."""
     alone = mesh.adjacency.open_edges()
     return mesh.faces[alone], np.roll(mesh.faces, -1, axis=1)[alone]
+
+
+def border_vertices(mesh: Mesh) -> NDArray[np.bool_]:
+    """Find the vertices that lie on an open edge, bool [N]."""
+    border = np.zeros(len(mesh.vertices), bool)
+    border[np.concatenate(open_edges(mesh))] = True
+    return border

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Unit vectors, and normals of points and faces."""
+"""Unit vectors, and normals of points, faces and vertices."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mgf_engine.model.mesh import Mesh
 
 
 def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -37,3 +39,10 @@ def face_cross_products(vertices: NDArray[np.float64], faces: NDArray[np.integer
     """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
+
+
+def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
+    """Compute unit normals of the vertices [N, 3]: mean of the adjacent faces, weighted by their area."""
+    total = mesh.adjacency.vertex_normals(mesh.vertices)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1.0)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from mgf_engine.geometry.clean import face_areas, open_edges, parts, split_nonmanifold, weld, with_faces
+from mgf_engine.geometry.clean import border_vertices, face_areas, parts, split_nonmanifold, weld, with_faces
 from mgf_engine.geometry.clip import clip_level
 from mgf_engine.mesh.holes import boundary_loops, rim_length
 from mgf_engine.model.mesh import Mesh
@@ -112,8 +112,7 @@ def find_supported_faces(
     rows = np.flatnonzero((views[mesh.faces] >= options.photos).sum(1) < 2)
     if not len(rows):
         return kept
-    border = np.zeros(len(mesh.vertices), bool)
-    border[np.concatenate(open_edges(mesh))] = True
+    border = border_vertices(mesh)
     for loop in boundary_loops(mesh):
         if rim_length(mesh, loop) <= np.median(hole[loop]):
             border[loop] = False

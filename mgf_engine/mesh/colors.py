@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View, most_pixels
@@ -37,13 +38,6 @@ class ColorOptions:
     hidden: float = parameter(
         0.01, "Distance behind the visible surface from which a vertex is hidden, as a share of its depth"
     )
-
-
-def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
-    """Compute unit normals of the vertices [N, 3]: mean of the adjacent faces, weighted by their area."""
-    total = mesh.adjacency.vertex_normals(mesh.vertices)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.where(length > 0, length, 1.0)
 
 
 def color_from_photos(

@@ -2,86 +2,25 @@
 """Simplify a mesh by edge collapses within bounds on its geometric and colour error.
 
 The kernel (``native/csrc/mesh/collapse.c``) tests every vertex of the full mesh against the simplified one, so the
-bound holds for all of them; topology is preserved. Tolerances are in ground pixels: the size on the surface of
-a pixel of the nearest photo that shows it.
+bound holds for all of them; topology is preserved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.model.scene import View
 from mgf_engine.native.library import call, parallel
 
-NEAREST = 64  # number of nearest views among which one is sought that shows a vertex
-VERTICES_AT_ONCE = 65536  # number of vertices for which these are sought together
 WORTH = 0.002  # share of the faces that a sweep must remove to be repeated with the same slabs
 MOST_LOOSE = 1e6  # factor on the tolerances at which loosening them ends
 MOST_SLABS, SLAB = 32, 16384  # maximum number of slabs, and minimum number of faces in each
 AT_ONCE = 8  # number of slabs between two progress reports
 NO_MEMORY = "Not enough memory to reduce the mesh; lower max_gaussians or the resolution."
-
-
-def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
-    """Compute the size of a ground pixel at each vertex, in the mesh's units, float32 [N].
-
-    It is the size of a pixel of the nearest view that shows the vertex: the vertex faces it and lies in its frame. In a
-    court, the nearest cameras look away. Where no view shows the vertex, it is that of the nearest view that it faces,
-    then of the nearest view; zero without views. Occlusion is ignored: it makes the value too small at worst.
-    """
-    if not views or not len(mesh.vertices):
-        return np.zeros(len(mesh.vertices), np.float32)
-    centres = np.array([view.centre for view in views])
-    tree = cKDTree(centres)
-    pixels = np.array([1.0 / max(view.fx, view.fy) for view in views])
-    normals = vertex_normals(mesh)
-    distance, nearest = tree.query(mesh.vertices, workers=-1)
-    size = (distance * pixels[nearest]).astype(np.float32)
-    hidden = np.flatnonzero(~_shown(mesh.vertices, normals, centres, views, nearest))
-    for rows in np.array_split(hidden, -(-len(hidden) // VERTICES_AT_ONCE) or 1):  # for these more views are sought
-        vertices, directions = mesh.vertices[rows], normals[rows]
-        distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
-        found = np.zeros(len(rows), bool)
-        for shows in (_shown, _faced):
-            for k in range(nearest.shape[1]):
-                left = np.flatnonzero(~found)
-                good = left[shows(vertices[left], directions[left], centres, views, nearest[left, k])]
-                size[rows[good]] = distance[good, k] * pixels[nearest[good, k]]
-                found[good] = True
-    return size
-
-
-def _faced(
-    vertices: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    centres: NDArray[np.float64],
-    views: Sequence[View],
-    number: NDArray[np.integer],
-) -> NDArray[np.bool_]:
-    """Tell which vertices [N, 3] look towards their view, of which the number is given, [N]."""
-    towards: NDArray[np.bool_] = ((centres[number] - vertices) * normals).sum(1) > 0
-    return towards
-
-
-def _shown(
-    vertices: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    centres: NDArray[np.float64],
-    views: Sequence[View],
-    number: NDArray[np.integer],
-) -> NDArray[np.bool_]:
-    """Tell which vertices [N, 3] look towards their view, [N], and lie in its frame."""
-    shown = _faced(vertices, normals, centres, views, number)
-    for view in np.unique(number[shown]):
-        rows = np.flatnonzero(shown & (number == view))
-        shown[rows] = views[view].project_into_frame(vertices[rows])[2]
-    return shown
 
 
 def reduce_faces(
@@ -161,7 +100,12 @@ def _shrink(handle: int, order: NDArray[np.int32], count: int, progress: Callabl
     while True:
         before, number = count, min(number, max(1, count // SLAB))
         cut = slabs(order, number, shifted=rounds % 2 == 1)
-        count = _sweep(handle, order, cut, 0, lambda share, n=rounds: progress(1 - 0.3**n * (1 - 0.7 * share)))  # type: ignore[misc]
+        left = 0.3**rounds  # of the bar: each sweep moves it by 0.7 of what the one before left
+
+        def report(share: float, left: float = left) -> None:
+            progress(1 - left * (1 - 0.7 * share))
+
+        count = _sweep(handle, order, cut, 0, report)
         rounds += 1
         if before - count > WORTH * before:
             continue

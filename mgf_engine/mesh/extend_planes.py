@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.clean import open_edges
+from mgf_engine.geometry.clean import border_vertices
 from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.planar import Flattened
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, smooth_borders, undo_folds
@@ -77,7 +77,7 @@ def extend_planes(
             mesh, pixel, planes, np.flatnonzero(single), label[single].astype(np.int64)))  # fmt: skip
     at = flat.mesh.vertices.copy()
     at[some] = mesh.vertices[some]
-    flattened, end = (label < 0) & (flat.plane >= 0), _on_border(mesh)
+    flattened, end = (label < 0) & (flat.plane >= 0), border_vertices(mesh)  # smoothing these would draw them in
     face_label, fixed = _face_labels(mesh, np.where(flattened, flat.plane, label)), (label < 0) | end
     at = _slide(mesh, constraint, constraint.project(at), fixed, options.rounds)
     # Curves of vertices that were only flattened lie in their plane already and stay in it.
@@ -104,13 +104,6 @@ def _face_labels(mesh: Mesh, label: NDArray[np.int32]) -> NDArray[np.int32]:
     """Return the plane that all three vertices of each face have, -1 where they differ, [F]."""
     own = label[mesh.faces]
     return np.where((own == own[:, :1]).all(1), own[:, 0], -1).astype(np.int32)
-
-
-def _on_border(mesh: Mesh) -> NDArray[np.bool_]:
-    """Tell which vertices [N] lie on an open edge; smoothing would draw the surface in."""
-    border = np.zeros(len(mesh.vertices), bool)
-    border[np.concatenate(open_edges(mesh))] = True
-    return border
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,14 @@ import numpy as np
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.mesh.border_smoothing import trim_border
-from mgf_engine.mesh.colors import ColorOptions, color_from_photos, vertex_normals
+from mgf_engine.mesh.colors import ColorOptions, color_from_photos
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
-from mgf_engine.mesh.decimate import ground_pixels, reduce_faces
+from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.mesh.extend_planes import ON_PLANE, extend_planes
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
+from mgf_engine.mesh.ground_pixels import ground_pixels
 from mgf_engine.mesh.holes import cap_rims
 from mgf_engine.mesh.level_set_cleaning import clean_level_set, drop_unconfirmed_parts
 from mgf_engine.mesh.low_confidence_fill import fill_low_confidence

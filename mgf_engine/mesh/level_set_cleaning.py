@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.mesh.component_filter import confirmed_parts
-from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.face_visibility import count_pixels
+from mgf_engine.mesh.ground_pixels import ground_pixels
 from mgf_engine.mesh.holes import fill_holes
 from mgf_engine.mesh.isosurface import FREE
 from mgf_engine.mesh.mask_votes import cut_background

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from mgf_engine.geometry.clean import edges, open_edges, with_faces
+from mgf_engine.geometry.clean import border_vertices, edges, with_faces
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.options.algorithms import parameter
 
@@ -44,8 +44,7 @@ def fill_low_confidence(
     Args:
         confidence: [N], 0..1.
     """
-    loose = confidence < options.unconfirmed
-    loose[np.concatenate(open_edges(mesh))] = False
+    loose = (confidence < options.unconfirmed) & ~border_vertices(mesh)
     if not loose.any():
         return mesh
     neighbours = _neighbours(mesh)

@@ -9,7 +9,7 @@ invalid.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.sampling import farthest_point_sampling
+from mgf_engine.mesh.depth_maps import Progress
 from mgf_engine.mesh.hull import HullOptions, outside_hull
 from mgf_engine.mesh.isosurface import FREE, INVALID, SOLID
 from mgf_engine.mesh.tsdf import TsdfField
@@ -27,8 +28,6 @@ from mgf_engine.options.config import job_option
 from mgf_engine.raster import points as kernel
 
 CHUNK = 1 << 22  # number of points evaluated at a time, which limits the memory; each chunk projects the field again
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)

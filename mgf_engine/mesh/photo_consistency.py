@@ -14,9 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.normals import unit_vectors
+from mgf_engine.geometry.normals import unit_vectors, vertex_normals
 from mgf_engine.geometry.rasterize import render_mesh
-from mgf_engine.mesh.colors import vertex_normals
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map

@@ -8,7 +8,7 @@ the rendered depth is kept.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,7 +23,6 @@ from mgf_engine.scene.kernel_photos import pack_quads, photo_struct
 PATCH_PIXELS = 25  # pixels of a patch; their depths have the same error
 
 Array = NDArray[np.float32]
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)

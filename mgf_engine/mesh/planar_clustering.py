@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import weld
 from mgf_engine.geometry.morton import BITS, arrange, morton
+from mgf_engine.mesh.ground_pixels import nearest_pixels
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
 from mgf_engine.model.topology import Adjacency
@@ -60,13 +60,6 @@ def merge_flat(
             cell[alone] = len(cell) + np.arange(len(alone))
         mesh = merge_cells(mesh, cell, options.tolerance * pixel, options)
     return mesh
-
-
-def nearest_pixels(points: NDArray[np.float64], views: Sequence[View]) -> NDArray[np.float64]:
-    """Compute the size of a pixel of the nearest view at each point [N, 3], in their units, [N]."""
-    distance, nearest = cKDTree([view.centre for view in views]).query(points, workers=-1)
-    sizes: NDArray[np.float64] = distance / np.array([max(view.fx, view.fy) for view in views])[nearest]
-    return sizes
 
 
 def merge_cells(

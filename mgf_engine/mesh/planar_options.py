@@ -10,7 +10,7 @@ from mgf_engine.options.algorithms import parameter
 
 @dataclass(frozen=True)
 class PlanarOptions:
-    """Options of planar regions; a ground pixel is that of :func:`mgf_engine.mesh.decimate.ground_pixels`."""
+    """Options of planar regions; a ground pixel is that of :func:`mgf_engine.mesh.ground_pixels.ground_pixels`."""
 
     least_area: float = parameter(400.0, "Minimum area of a plane", "ground px²")
     least_width: float = parameter(6.0, "Minimum width of a plane", "ground px")

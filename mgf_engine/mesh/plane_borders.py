@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.geometry.clean import open_edges
 from mgf_engine.geometry.components import label_components
-from mgf_engine.geometry.normals import face_cross_products, unit_vectors
-from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.geometry.normals import face_cross_products, unit_vectors, vertex_normals
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges

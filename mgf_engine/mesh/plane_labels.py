@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.geometry.clean import face_areas, vertex_areas
 from mgf_engine.geometry.components import label_components
-from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.mesh.near_planes import Index, NearPlanes, join_ranges, near_planes
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches, widest_angle
 from mgf_engine.mesh.plane_detection import Planes

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry import clean
+from mgf_engine.mesh.ground_pixels import nearest_pixels
 from mgf_engine.mesh.level_set import Reporting, extract_level_set
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
-from mgf_engine.mesh.planar_clustering import merge_flat, nearest_pixels
+from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.surface_field import calibrate_level, select_near_box, surface_field
 from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide, tetrahedra_in_background

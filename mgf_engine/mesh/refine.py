@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.geometry.rasterize import render_mesh
-from mgf_engine.mesh.colors import vertex_normals
-from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.depth_maps import ViewSurfaces, make_depth_maps
 from mgf_engine.mesh.fusion_options import FusionOptions
+from mgf_engine.mesh.ground_pixels import ground_pixels
 from mgf_engine.mesh.photometric import RenderedSurface
 from mgf_engine.mesh.prior import visible_surface
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh

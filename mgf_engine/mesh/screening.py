@@ -66,25 +66,31 @@ def screen(
         raise BadInput("The field has no Gaussians, so there is nothing to mesh; train the field again.")
     keep = finite(gaussians)
     if options.screening and options.use_masks:
-        centres = gaussians.positions.detach().double().numpy()
-        # Masks are dilated less here than for sparse points: Gaussians just outside would hide the building's outline.
-        votes = replace(options.votes, dilation=options.dilation)
-        voters = choose_voters(scene, voting_views(scene, masks), masks.clicked, votes)
-        threads = options.threads or cores()
-        cast: Iterable[ViewVotes] = votes_of_views(centres, scene, masks.labels, voters, votes.dilation, threads)
-        if no_tolerance := votes.tolerance == 0 and votes.few == 0:
-            cast = list(cast)
-        counted = count_votes(len(centres), cast)
-        if no_tolerance:
-            for view, share in zip(voters, vetoes(counted, cast), strict=True):
-                if share > VETO:
-                    warn(veto_text(scene.views[view].name, share))
-        keep &= decide(counted, votes, len(voters))
+        keep &= _vote(gaussians, scene, masks, options, warn)
     if not keep.any():
         raise BadInput(
             "The masks vote against every Gaussian of the field; check the clicks and the masks, or turn screening off."
         )
     return gaussians.select(torch.from_numpy(keep))
+
+
+def _vote(
+    gaussians: Gaussians, scene: Scene, masks: MaskSet, options: ScreeningOptions, warn: Callable[[str], None]
+) -> NDArray[np.bool_]:
+    """Return the Gaussians that the masks vote for, bool [N]; warn of photos whose veto alone removes much."""
+    centres = gaussians.positions.detach().double().numpy()
+    # Masks are dilated less here than for sparse points: Gaussians just outside would hide the building's outline.
+    votes = replace(options.votes, dilation=options.dilation)
+    voters = choose_voters(scene, voting_views(scene, masks), masks.clicked, votes)
+    cast = votes_of_views(centres, scene, masks.labels, voters, votes.dilation, options.threads or cores())
+    if votes.tolerance > 0 or votes.few > 0:  # no photo decides alone, so none needs to be kept for a warning
+        return decide(count_votes(len(centres), cast), votes, len(voters))
+    kept = list(cast)
+    counted = count_votes(len(centres), kept)
+    for view, share in zip(voters, vetoes(counted, kept), strict=True):
+        if share > VETO:
+            warn(veto_text(scene.views[view].name, share))
+    return decide(counted, votes, len(voters))
 
 
 def vetoes(votes: Votes, cast: Iterable[ViewVotes]) -> list[float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.clean import face_areas, open_edges, unconfirmed_patches, with_faces
-from mgf_engine.mesh.colors import vertex_normals
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.options.algorithms import parameter
 

@@ -179,6 +179,11 @@ def parallel(name: str, *arguments: Any, pieces: int | None = None) -> None:
         worker.result()
 
 
+def by_reference(struct: ctypes.Structure) -> ctypes.c_void_p:
+    """Return the address of a struct for a kernel; struct and the arrays that it points to must outlive the call."""
+    return ctypes.c_void_p(ctypes.addressof(struct))
+
+
 def own_threads() -> int:
     """Return the number of threads that a work loop started on this thread gets."""
     return 1 if getattr(_here, "alone", False) else threads()

@@ -6,7 +6,6 @@ Points are placed on the lines, with the views that saw each.
 
 from __future__ import annotations
 
-import ctypes
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.native.library import parallel
+from mgf_engine.native.library import by_reference, parallel
 from mgf_engine.start.options import SegmentOptions
 from mgf_engine.start.segments import Segments
 
@@ -63,7 +62,7 @@ def match_segments(
     box = np.ascontiguousarray(np.stack([segments.views.low, segments.views.high]))
     sine = float(np.sin(np.radians(segments.options.angles[0])))
     parallel(
-        "mgf_match_segments", len(score), _by_reference(segments), neighbours, neighbours.shape[1], box, sine, lines,
+        "mgf_match_segments", len(score), by_reference(segments.table), neighbours, neighbours.shape[1], box, sine, lines,
         score,
     )  # fmt: skip
     return lines, score
@@ -87,15 +86,10 @@ def fit_segments(
     lines, rows = np.ascontiguousarray(lines).copy(), np.zeros((count, views), np.int32)
     residuals, ends = np.zeros((count, views), np.float32), np.zeros((count, views, 2))
     parallel(
-        "mgf_fit_segments", count, _by_reference(segments), source, float(segments.views.pixel), lines, rows, residuals,
+        "mgf_fit_segments", count, by_reference(segments.table), source, float(segments.views.pixel), lines, rows, residuals,
         ends,
     )  # fmt: skip
     return lines, rows, residuals, ends
-
-
-def _by_reference(segments: Segments) -> ctypes.c_void_p:
-    """Return the address of the segments' table."""
-    return ctypes.c_void_p(ctypes.addressof(segments.table))
 
 
 def find_lines(segments: Segments) -> list[Line3D]:

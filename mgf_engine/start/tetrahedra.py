@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.native.library import call, parallel
+from mgf_engine.native.library import by_reference, call, parallel
 
 #: Corners of the face opposite of each corner, outward: the tetrahedra have positive volume.
 FACE_CORNERS = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
@@ -64,7 +64,7 @@ class Tetrahedra:
         """
         around, listed = self.around() if from_points else (np.zeros(0, np.int64), np.zeros(0, np.int32))
         table = TetraTable(self.corners, self.neighbours, self.points, around, listed)
-        yield _by_reference(table)
+        yield by_reference(table)
 
 
 class TetraTable(ctypes.Structure):
@@ -78,11 +78,6 @@ class TetraTable(ctypes.Structure):
     def __init__(self, *arrays: NDArray[np.generic]) -> None:
         super().__init__(*(a.ctypes.data for a in arrays), len(arrays[0]))
         self.arrays = arrays
-
-
-def _by_reference(table: TetraTable) -> ctypes.c_void_p:
-    """Return the address of a table, which must live as long as it is used."""
-    return ctypes.c_void_p(ctypes.addressof(table))
 
 
 def orient_positive(points: Array, corners: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -112,8 +112,7 @@ _ADDRESSES: list[tuple[Any, str, Callable[..., list[Any]]]] = [
     (loss._Pass, "_at_box", lambda self, map: [map]),
     (loss, "_address", lambda value: [value]),
     (tsdf.TsdfField, "_view_struct", lambda self, m: [m.mask, m.pixels, m.rows]),
-    (lines, "_by_reference", lambda segments: [segments.table, *segments.table.arrays]),
-    (tetrahedra, "_by_reference", lambda table: [table, *table.arrays]),
+    *((module, "by_reference", lambda table: [table, *table.arrays]) for module in (lines, tetrahedra)),
     (photometric, "_struct", lambda surfaces, first: [a for s in surfaces for a in (s.quads, s.depth)]),
     (patch_match, "photo_struct", lambda first, photos: [a for p in photos for a in p[:2] if a is not None]),
 ]

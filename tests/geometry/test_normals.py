@@ -2,8 +2,9 @@
 from __future__ import annotations
 
 import numpy as np
+from support.analytic import ball
 
-from mgf_engine.geometry.normals import principal_normals, unit_vectors
+from mgf_engine.geometry.normals import principal_normals, unit_vectors, vertex_normals
 
 
 def test_vectors_of_no_length_stay_zero() -> None:
@@ -20,3 +21,8 @@ def test_normals_of_points_on_a_plane_are_its_normal() -> None:
     found = principal_normals(points, neighbours)
     assert found.shape == (40, 3)
     np.testing.assert_allclose(np.abs(found @ normal), 1.0, atol=1e-12)
+
+
+def test_vertex_normals_of_a_sphere() -> None:
+    mesh = ball(subdivisions=3)
+    assert np.abs(vertex_normals(mesh) - mesh.vertices).max() < 0.02

@@ -9,8 +9,9 @@ from support.analytic import ball, camera, ring
 from support.meshes import empty
 
 from benchmarks.synthetic.meshes import merged
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.geometry.rasterize import corners, render_mesh
-from mgf_engine.mesh.colors import ColorOptions, _samples, color_from_photos, sample, vertex_normals
+from mgf_engine.mesh.colors import ColorOptions, _samples, color_from_photos, sample
 
 
 def true_color(points: np.ndarray) -> np.ndarray:
@@ -72,11 +73,6 @@ def test_nothing_seen_and_nothing_there():
     grey = color_from_photos(ball(subdivisions=2), [away], lambda i: photo, [inside]).colors
     assert (grey == 160).all()
     assert color_from_photos(empty(), [away], lambda i: photo, [inside]).colors.shape == (0, 3)
-
-
-def test_vertex_normals_of_a_sphere():
-    mesh = ball(subdivisions=3)
-    assert np.abs(vertex_normals(mesh) - mesh.vertices).max() < 0.02
 
 
 def test_vertices_are_seen_as_the_plain_formulas_say() -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
+from support.analytic import as_trimesh, ball, cuboid, mesh_of
 
 from mgf_engine.errors import Cancelled
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
 from mgf_engine.mesh import decimate
-from mgf_engine.mesh.decimate import SLAB, ground_pixels, reduce_faces
+from mgf_engine.mesh.decimate import SLAB, reduce_faces
 from mgf_engine.mesh.holes import boundary_loops
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native import library
@@ -186,25 +186,6 @@ def test_same_input_same_mesh():
     mesh = noisy(ball(subdivisions=4), 0.01)
     one, two = (reduce_faces(mesh, 700, 0.003, 8.0) for _ in range(2))
     assert np.array_equal(one.vertices, two.vertices) and np.array_equal(one.faces, two.faces)
-
-
-def test_ground_pixels_are_those_of_the_nearest_view_that_a_vertex_faces():
-    mesh = ball(0.5, 4)
-    near, far = camera((3.0, 0, 0)), camera((-6.0, 0, 0))
-    size = ground_pixels(mesh, [near, far])
-    front, behind = mesh.vertices[:, 0] > 0.3, mesh.vertices[:, 0] < -0.3
-    for side, view in ((front, near), (behind, far)):
-        distance = np.linalg.norm(mesh.vertices[side] - view.centre, axis=1)
-        assert np.allclose(size[side], distance / view.fx, rtol=1e-5)
-    assert (ground_pixels(mesh, []) == 0).all() and np.isfinite(ground_pixels(mesh, ring(2))).all()
-
-
-def test_ground_pixels_are_not_those_of_a_near_view_that_looks_away():
-    mesh = ball(0.5, 4)
-    near, far = camera((1.2, 0, 0), target=(5.0, 0, 0)), camera((3.0, 0, 0))
-    front = mesh.vertices[:, 0] > 0.3
-    distance = np.linalg.norm(mesh.vertices[front] - far.centre, axis=1)
-    assert np.allclose(ground_pixels(mesh, [near, far])[front], distance / far.fx, rtol=1e-5)
 
 
 def test_the_result_does_not_depend_on_the_number_of_threads():

@@ -12,7 +12,8 @@ from support.analytic import as_trimesh, ball, camera, cuboid, mesh_of, ring
 
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.clean import weld
-from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions, merge_cells, merge_flat, nearest_pixels
+from mgf_engine.mesh.ground_pixels import nearest_pixels
+from mgf_engine.mesh.planar_clustering import PlanarClusteringOptions, merge_cells, merge_flat
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import call
 

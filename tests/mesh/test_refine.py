@@ -12,13 +12,13 @@ from support.mesh_stage import mesh_options, reporter
 from support.rays import pixel_rays
 
 from mgf_engine.geometry.clean import smooth
+from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.geometry.rasterize import render_mesh
-from mgf_engine.mesh.colors import vertex_normals
-from mgf_engine.mesh.decimate import ground_pixels
 from mgf_engine.mesh.depth_smoothing import SmoothingOptions
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
 from mgf_engine.mesh.fusion_options import FusionOptions
+from mgf_engine.mesh.ground_pixels import ground_pixels
 from mgf_engine.mesh.hull import silhouette_masks
 from mgf_engine.mesh.refine import refine
 from mgf_engine.mesh.trusted_views import Photos, TrustedViews
