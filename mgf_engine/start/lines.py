@@ -62,8 +62,8 @@ def match_segments(
     box = np.ascontiguousarray(np.stack([segments.views.low, segments.views.high]))
     sine = float(np.sin(np.radians(segments.options.angles[0])))
     parallel(
-        "mgf_match_segments", len(score), by_reference(segments.table), neighbours, neighbours.shape[1], box, sine, lines,
-        score,
+        "mgf_match_segments", len(score), by_reference(segments.table), neighbours, neighbours.shape[1], box, sine,
+        lines, score,
     )  # fmt: skip
     return lines, score
 
@@ -86,8 +86,8 @@ def fit_segments(
     lines, rows = np.ascontiguousarray(lines).copy(), np.zeros((count, views), np.int32)
     residuals, ends = np.zeros((count, views), np.float32), np.zeros((count, views, 2))
     parallel(
-        "mgf_fit_segments", count, by_reference(segments.table), source, float(segments.views.pixel), lines, rows, residuals,
-        ends,
+        "mgf_fit_segments", count, by_reference(segments.table), source, float(segments.views.pixel), lines, rows,
+        residuals, ends,
     )  # fmt: skip
     return lines, rows, residuals, ends
 
