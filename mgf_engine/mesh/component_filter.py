@@ -88,27 +88,24 @@ def faces_near_clicks(
     kept = np.isin(np.arange(part.max(initial=-1) + 1), part[hit])
     if not len(hit) or kept.all():
         return np.ones(len(mesh.faces), bool)
-    first = mesh.vertices[mesh.faces[kept[part]].ravel()]
-    near = options.near * float(np.linalg.norm(first.max(0) - first.min(0)))
-    corners = {p: _corners(mesh, rows) for p, rows in enumerate(_members(part)) if not kept[p]}
-    new = first
+    vertex, of = _vertices_of_parts(mesh, part)
+    new = mesh.vertices[np.unique(vertex[kept[of]])]
+    near = options.near * float(np.linalg.norm(new.max(0) - new.min(0)))
     while len(new):
-        tree = cKDTree(new)
-        joined = [p for p, points in corners.items() if tree.query(points, distance_upper_bound=near)[0].min() < near]
-        new = np.concatenate([np.zeros((0, 3)), *(corners.pop(p) for p in joined)])
-        kept[joined] = True
+        left = np.flatnonzero(~kept[of])
+        gap = cKDTree(new).query(mesh.vertices[vertex[left]], distance_upper_bound=near)[0]
+        joined = np.zeros_like(kept)
+        joined[of[left[gap < near]]] = True
+        new = mesh.vertices[vertex[joined[of]]]
+        kept |= joined
     return np.asarray(kept[part], bool)
 
 
-def _members(part: NDArray[np.int32]) -> list[NDArray[np.int64]]:
-    """Return the faces of each part, by the part of each face [F]."""
-    order = np.argsort(part, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(part))[:-1])
-
-
-def _corners(mesh: Mesh, faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the corners of some faces, each once, [N, 3]."""
-    return mesh.vertices[np.unique(mesh.faces[faces])]
+def _vertices_of_parts(mesh: Mesh, part: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """List the vertices of each part, by the part of each face [F]: vertex and part, [N] each."""
+    pair = np.unique(np.repeat(part.astype(np.int64), 3) * len(mesh.vertices) + mesh.faces.ravel())
+    of, vertex = np.divmod(pair, len(mesh.vertices))
+    return vertex, of
 
 
 def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:

@@ -161,6 +161,15 @@ def find_outside(points: Array, silhouettes: Silhouettes, options: OutsideOption
     return (outside >= options.least_views) & (outside >= np.float32(options.share) * framed.astype(np.float32))
 
 
+def poisson_disk_subset(points: Array, radius: float) -> NDArray[np.int64]:
+    """Choose points [N, 3] as the kernel ``mgf_poisson_disk`` does; returns their numbers."""
+    kept: list[int] = []
+    for n, point in enumerate(points):
+        if not len(kept) or np.linalg.norm(points[kept] - point, axis=1).min() > radius:
+            kept.append(n)
+    return np.array(kept, np.int64)
+
+
 def smooth_point(
     points: Array, row: int, neighbours: NDArray[np.int64], radius: float, offset: float, most: float
 ) -> tuple[Array, Array]:

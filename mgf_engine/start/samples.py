@@ -9,17 +9,16 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.rasterize import face_normals, render_mesh
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, most_pixels
+from mgf_engine.native.library import call
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.options.algorithms import parameter
 
 _CHUNK = 1 << 16  # samples that are computed at a time, which bounds the memory
-_BATCH = 1 << 20  # samples whose pairs of neighbours are in memory at a time
 _BYTES_PER_PIXEL, _BYTES_PER_POINT = 30, 150  # while a view is drawn
 
 
@@ -122,36 +121,17 @@ def sample_poisson_disk(
 def poisson_disk_subset(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
     """Choose a maximal subset of points [N, 3] of which no two are nearer than ``radius``.
 
-    Of points that exclude each other the first one is kept (Luby's maximal independent set).
+    Of points that exclude each other the first one is kept (kernel ``mgf_poisson_disk``).
 
     Returns:
         Their numbers, ascending.
     """
-    kept = np.zeros(0, np.int64)
-    for begin in range(0, len(points), _BATCH):  # samples kept of earlier batches exclude samples of later ones
-        rows = np.arange(begin, min(begin + _BATCH, len(points)))
-        if len(kept):
-            nearest = cKDTree(points[kept]).query(points[rows], distance_upper_bound=np.nextafter(radius, np.inf))[0]
-            rows = rows[~(nearest <= radius)]
-        kept = np.concatenate([kept, rows[_independent(points[rows], radius)]])
-    return kept
-
-
-def _independent(points: NDArray[np.float64], radius: float) -> NDArray[np.int64]:
-    """Choose points as :func:`poisson_disk_subset`, all at once."""
-    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
-    state = np.zeros(len(points), np.int8)  # 0: not decided, 1: stays, -1: goes
-    low, high = (side.astype(np.int32) for side in (pairs.min(1), pairs.max(1)))
-    del pairs
-    while len(low):
-        first = np.ones(len(points), bool)
-        first[high] = False
-        state[first & (state == 0)] = 1
-        state[high[state[low] == 1]] = -1
-        state[low[state[high] == 1]] = -1
-        open_ = (state[low] == 0) & (state[high] == 0)
-        low, high = low[open_], high[open_]
-    return np.flatnonzero(state >= 0)
+    if not len(points):
+        return np.zeros(0, np.int64)
+    slots = 1 << len(points).bit_length()
+    kept, work = np.zeros(len(points), np.uint8), (np.empty(slots, np.int32), np.empty(len(points), np.int32))
+    call("mgf_poisson_disk", len(points), np.ascontiguousarray((points - points.min(0)) / radius), slots, *work, kept)
+    return np.flatnonzero(kept)
 
 
 def _shown(mesh: Mesh, scene: Scene, indices: Sequence[int]) -> NDArray[np.bool_]:

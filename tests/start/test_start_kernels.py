@@ -15,6 +15,7 @@ from mgf_engine.native.library import parallel
 from mgf_engine.start import reference
 from mgf_engine.start.lines import choose_neighbours, fit_segments, match_segments
 from mgf_engine.start.options import OutsideOptions, SegmentOptions, ViewOptions
+from mgf_engine.start.samples import poisson_disk_subset
 from mgf_engine.start.segments import Segments, find_segments
 from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
 from mgf_engine.start.views import Silhouettes, StartViews, find_outside, pixel_rays, start_views
@@ -175,3 +176,11 @@ def test_pulled_rays_share_their_weight_by_length(tetrahedra: Tetrahedra, varian
     assert abs(int(long.sum()) - 512) < 4
     assert short.sum() < 4
     assert not outside.any()
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e4])
+def test_points_are_chosen_as_by_the_reference(scale: float, variant: None) -> None:
+    points = np.random.default_rng(0).uniform(-scale, scale, (2000, 3)) * (1, 1, 0.01) + 5 * scale
+    chosen = poisson_disk_subset(points, 0.05 * scale)
+    assert 300 < len(chosen) < 1500
+    np.testing.assert_array_equal(chosen, reference.poisson_disk_subset(points, 0.05 * scale))
