@@ -83,15 +83,47 @@ def clear_levels(tree: Tree) -> None:
 
 
 def _read(path: Path) -> bpy.types.Object:
-    """Return the mesh object of a GLB, in no collection; its materials and pictures carry our mark."""
+    """Return the mesh object of a GLB, in no collection; its materials and pictures carry our mark.
+
+    Raises:
+        UserError: the file cannot be read.
+    """
+    new = _import_glb(path)
+    for block in new:
+        if isinstance(block, bpy.types.Material | bpy.types.Image):
+            block[_OURS] = True
+    objects = [block for block in new if isinstance(block, bpy.types.Object)]
+    found = [obj for obj in objects if obj.type == "MESH"][:1]
+    bpy.context.view_layer.update()
+    for obj in found:
+        world = obj.matrix_world.copy()
+        obj.parent, obj.matrix_world = None, world
+        for collection in tuple(obj.users_collection):
+            collection.objects.unlink(obj)
+    collections = [block for block in new if isinstance(block, bpy.types.Collection)]
+    bpy.data.batch_remove([*(obj for obj in objects if obj not in found), *collections])
+    if not found or not found[0].data.polygons:  # the importer passes over compressed data that is damaged
+        _remove(found)
+        raise UserError("'{path}' cannot be read; make the models again.", path=path)
+    return found[0]
+
+
+def _import_glb(path: Path) -> list[bpy.types.ID]:
+    """Import a GLB by Blender's own importer and return what is new in the file.
+
+    Raises:
+        UserError: it cannot be read; nothing of it is left then.
+    """
     stores = (bpy.data.objects, bpy.data.materials, bpy.data.images, bpy.data.meshes, bpy.data.collections)
     before = [{block.name_full for block in store} for store in stores]
+
+    def new_blocks() -> list[bpy.types.ID]:
+        return [b for store, names in zip(stores, before, strict=True) for b in store if b.name_full not in names]
+
     try:
         bpy.ops.import_scene.gltf(filepath=str(path))
     except RuntimeError as error:
-        bpy.data.batch_remove(
-            [b for store, names in zip(stores, before, strict=True) for b in store if b.name_full not in names]
-        )
+        bpy.data.batch_remove(new_blocks())
         if _is_compressed(path):  # for a build without Draco's library, as Debian's
             raise UserError(
                 "'{path}' is compressed, which this Blender cannot read; switch Compress off and make the models "
@@ -99,24 +131,7 @@ def _read(path: Path) -> bpy.types.Object:
                 path=path,
             ) from error
         raise UserError("'{path}' cannot be read; make the models again.", path=path) from error
-    objects, materials, images, _, collections = (
-        [block for block in store if block.name_full not in names] for store, names in zip(stores, before, strict=True)
-    )
-    for block in (*materials, *images):
-        block[_OURS] = True
-    found = [o for o in objects if o.type == "MESH"]
-    bpy.context.view_layer.update()
-    for obj in objects:
-        world = obj.matrix_world.copy()
-        for collection in tuple(obj.users_collection):
-            collection.objects.unlink(obj)
-        if obj in found:
-            obj.parent, obj.matrix_world = None, world
-    bpy.data.batch_remove([*(o for o in objects if o not in found[:1]), *collections])
-    if not found or not found[0].data.polygons:  # the importer passes over compressed data that is damaged
-        _remove(found[:1])
-        raise UserError("'{path}' cannot be read; make the models again.", path=path)
-    return found[0]
+    return new_blocks()
 
 
 def _is_compressed(path: Path) -> bool:

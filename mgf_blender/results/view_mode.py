@@ -109,14 +109,8 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
         )
     if found["render"].has_data and not found["render"].is_dirty:
         found["render"].reload()  # the job may have run again since it was shown
-    render = _pixels(found["render"])
-    height, width = render.shape[:2]
-    photo = _resized(_pixels(found["photo"]), width, height)
-    difference = np.abs(photo[..., :3] - render[..., :3]).mean(axis=2)
-    rgba = np.ones((height, width, 4), np.float32)
-    rgba[..., :3] = ramp(np.clip(difference / _HOTTEST, 0, 1), _HEAT)
-    if render.shape[2] == 4:
-        rgba[..., 3] = render[..., 3]
+    rgba = _heat_map(_pixels(found["photo"]), _pixels(found["render"]))
+    height, width = rgba.shape[:2]
     name = f"Error {Path(found['photo'].name).stem}"
     image = bpy.data.images.get(name)
     if image is None or tuple(image.size) != (width, height):
@@ -128,6 +122,18 @@ def make_error_map(camera: bpy.types.Object) -> bpy.types.Image:
     image[_STAMP_KEY] = _stamp(found)
     add_background(camera, image, show=False)
     return image
+
+
+def _heat_map(photo: np.ndarray, render: np.ndarray) -> np.ndarray:
+    """Return the colour difference between a photo and its render [H, W, C] as a heat map, float32 [H, W, 4]; clear
+    where the render is."""
+    height, width = render.shape[:2]
+    difference = np.abs(_resized(photo, width, height)[..., :3] - render[..., :3]).mean(axis=2)
+    rgba = np.ones((height, width, 4), np.float32)
+    rgba[..., :3] = ramp(np.clip(difference / _HOTTEST, 0, 1), _HEAT)
+    if render.shape[2] == 4:
+        rgba[..., 3] = render[..., 3]
+    return rgba
 
 
 def _pixels(image: bpy.types.Image) -> np.ndarray:

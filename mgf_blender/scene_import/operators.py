@@ -11,7 +11,6 @@ from ..common.operators import FileOperator, Operator
 from ..common.selection import active_object, select_only
 from ..common.text import tr
 from ..common.views import enter_camera, frame_scene, side_of_cameras
-from ..prompts.roots import choose_roots
 from ..results.surface import paints_texture
 from ..results.view_mode import follow
 from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render
@@ -19,6 +18,7 @@ from .crop import add_crop_box, find_crop_box
 from .load import Imported, import_scene
 from .locate import find_photo
 from .points import sparse_points
+from .roots import choose_roots
 from .tree import Tree
 
 

@@ -83,7 +83,7 @@ def faces_near_clicks(
     if part.max(initial=0) == 0:
         return np.ones(len(mesh.faces), bool)
     clicked = [(view, spots) for view, spots in zip(views, clicks, strict=True) if len(spots)]
-    met = parallel_map(lambda given: _met(mesh, *given), clicked)
+    met = parallel_map(lambda given: _hit_faces(mesh, *given), clicked)
     hit = np.concatenate([np.zeros(0, np.int32), *met])
     kept = np.isin(np.arange(part.max(initial=-1) + 1), part[hit])
     if not len(hit) or kept.all():
@@ -108,7 +108,7 @@ def _vertices_of_parts(mesh: Mesh, part: NDArray[np.int32]) -> tuple[NDArray[np.
     return vertex, of
 
 
-def _met(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:
+def _hit_faces(mesh: Mesh, view: View, clicks: NDArray[np.floating]) -> NDArray[np.int32]:
     """Return the faces hit by clicks [K, 2] in a view, at most [K]."""
     face = render_mesh(mesh, view).face
     met = face[pixel_at(face.shape, clicks)]

@@ -16,10 +16,10 @@ from scipy.spatial import cKDTree
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import call, parallel
 
-WORTH = 0.002  # share of the faces that a sweep must remove to be repeated with the same slabs
-MOST_LOOSE = 1e6  # factor on the tolerances at which loosening them ends
-MOST_SLABS, SLAB = 32, 16384  # maximum number of slabs, and minimum number of faces in each
-AT_ONCE = 8  # number of slabs between two progress reports
+LEAST_PROGRESS = 0.002  # share of the faces that a sweep must remove to be repeated with the same slabs
+MOST_LOOSENING = 1e6  # factor on the tolerances at which loosening them ends
+MOST_SLABS, SLAB_FACES = 32, 16384  # maximum number of slabs, and minimum number of faces in each
+SLABS_PER_REPORT = 8  # number of slabs between two progress reports
 NO_MEMORY = "Not enough memory to reduce the mesh; lower max_gaussians or the resolution."
 
 
@@ -65,9 +65,9 @@ def reduce_faces(
         raise MemoryError(NO_MEMORY)
     try:
         order = np.argsort(at[:, np.argmax(np.ptp(at, axis=0))], kind="stable").astype(np.int32)
-        left = _shrink(handle, order, count, progress) if lean else count
+        left = _collapse_within(handle, order, count, progress) if lean else count
         if not lean or left > most:
-            _force(handle, order, left, most, float(color_tolerance))
+            _collapse_down_to(handle, order, left, most, float(color_tolerance))
     finally:
         call("mgf_collapse_end", handle, colors)
     used, index = np.unique(faces[faces[:, 0] >= 0], return_inverse=True)
@@ -91,14 +91,14 @@ def slabs(order: NDArray[np.int32], number: int, shifted: bool = False) -> tuple
     return slab, np.searchsorted(along, np.arange(along[-1] + 2)).astype(np.int64)
 
 
-def _shrink(handle: int, order: NDArray[np.int32], count: int, progress: Callable[[float], None]) -> int:
+def _collapse_within(handle: int, order: NDArray[np.int32], count: int, progress: Callable[[float], None]) -> int:
     """Collapse edges within the tolerances; return the number of faces left.
 
     The slabs grow with the faces, up to the whole mesh: an edge that crosses the border of a slab needs a wider one.
     """
     number, rounds = MOST_SLABS, 0
     while True:
-        before, number = count, min(number, max(1, count // SLAB))
+        before, number = count, min(number, max(1, count // SLAB_FACES))
         cut = slabs(order, number, shifted=rounds % 2 == 1)
         left = 0.3**rounds  # of the bar: each sweep moves it by 0.7 of what the one before left
 
@@ -107,21 +107,21 @@ def _shrink(handle: int, order: NDArray[np.int32], count: int, progress: Callabl
 
         count = _sweep(handle, order, cut, 0, report)
         rounds += 1
-        if before - count > WORTH * before:
+        if before - count > LEAST_PROGRESS * before:
             continue
         if number == 1:
             return count
         number //= 2
 
 
-def _force(handle: int, order: NDArray[np.int32], count: int, most: int, color_tolerance: float) -> None:
+def _collapse_down_to(handle: int, order: NDArray[np.int32], count: int, most: int, color_tolerance: float) -> None:
     """Collapse down to ``most`` faces; loosen the tolerances, the colour tolerance first, until that is met."""
     whole, loose = slabs(order, 1), 1.0
-    while loose <= MOST_LOOSE:
+    while loose <= MOST_LOOSENING:
         before, count = count, _sweep(handle, order, whole, most)
         if count <= most:
             return
-        if before - count > WORTH * before:
+        if before - count > LEAST_PROGRESS * before:
             continue
         if color_tolerance >= 0:
             color_tolerance = 4 * color_tolerance + 1 if color_tolerance < 64 else -1.0
@@ -140,9 +140,9 @@ def _sweep(
     """Try all edges whose neighbourhood changed since the last sweep; return the number of faces left."""
     slab, start = cut
     last = len(start) - 1
-    for first in range(0, last, AT_ONCE):
+    for first in range(0, last, SLABS_PER_REPORT):
         progress(first / last)
-        end = min(first + AT_ONCE, last)
+        end = min(first + SLABS_PER_REPORT, last)
         parallel("mgf_collapse", handle, slab, order, start, first, end, stop, pieces=end - first)
     left = call("mgf_collapse_live", handle)
     if left < 0:

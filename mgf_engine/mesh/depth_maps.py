@@ -227,7 +227,8 @@ def depth_map(
     )
     cosine = np.clip(slope / np.sqrt(1 + u[None] ** 2 + v[:, None] ** 2), LEAST_COSINE, 1.0)
     weight = cosine**2 / np.maximum(depth, 1e-6) ** 2
-    weight *= np.where(_rim(depth, options.jump), RIM_WEIGHT, 1.0) * np.where(matched.correlation > 0, 1.0, unmatched)
+    at_jumps = np.where(_beside_jumps(depth, options.jump), RIM_WEIGHT, 1.0)
+    weight *= at_jumps * np.where(matched.correlation > 0, 1.0, unmatched)
     shown = depth > 0
     weight = np.where(shown, weight, 0.0)
     if shown.any():  # pixels that see past the field: the whole ray is free space
@@ -262,7 +263,7 @@ def _surface_depth(median: NDArray[np.float32], mean: NDArray[np.float32], mixed
     return np.where(np.abs(mean - median) < mixed * median, mean, median)
 
 
-def _rim(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
+def _beside_jumps(depth: NDArray[np.float32], jump: float) -> NDArray[np.bool_]:
     """Find the pixels next to a depth discontinuity, where depth is unreliable."""
     kernel = np.ones((3, 3), np.uint8)  # from corner to corner depth may change by three jumps
     spread: NDArray[np.bool_] = cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 3 * jump * depth

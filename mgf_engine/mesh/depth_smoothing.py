@@ -62,7 +62,7 @@ def smooth_depth(start: Array, matched: Matched, options: SmoothingOptions = Smo
     first = _inverse(np.where(inside, scale * start[box], 0))
     least = options.unmatched * float(np.median(known))
     weight = np.where(inside, np.maximum(matched.precision[box], least), 0)
-    joined = _joined(inside, first, options.jump, 0), _joined(inside, first, options.jump, 1)
+    joined = _on_one_surface(inside, first, options.jump, 0), _on_one_surface(inside, first, options.jump, 1)
     found = smooth_map(weight, target, joined, options.strength, options.crease, options.rounds, options.steps)
     # Conjugate gradients stop before convergence: limit the change to the jump that separates surfaces.
     found = np.clip(found, target - options.jump, target + options.jump)
@@ -109,7 +109,7 @@ def _inverse(values: Array) -> Array:
     return np.divide(1, values, out=np.zeros(values.shape, np.float32), where=values > 0)
 
 
-def _joined(inside: NDArray[np.bool_], inverse: Array, jump: float, axis: int) -> NDArray[np.bool_]:
+def _on_one_surface(inside: NDArray[np.bool_], inverse: Array, jump: float, axis: int) -> NDArray[np.bool_]:
     """Tell whether three pixels in a column (axis 0) or row (axis 1) belong to one surface; shorter by two there."""
     i, v = (inside, inverse) if axis == 0 else (inside.T, inverse.T)
     joined = i[:-2] & i[1:-1] & i[2:] & (np.abs(v[:-2] - 2 * v[1:-1] + v[2:]) < jump)

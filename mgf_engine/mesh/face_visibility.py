@@ -78,7 +78,7 @@ def count_pixels(mesh: Mesh, views: Sequence[View], labels: Labels | None = None
         face = seen_faces(mesh.faces, views[number], at)
         return face, FaceImage.of(face)
 
-    return _counted(mesh, views, labels, show)
+    return _count(mesh, views, labels, show)
 
 
 def count_uncovered(
@@ -107,7 +107,7 @@ def count_uncovered(
         behind[shown] = number_of[near[cluster] * CLUSTER_SIZE + place]
         return behind, FaceImage.of(np.where(lost, behind, face))
 
-    more = _counted(mesh, views, labels, show)
+    more = _count(mesh, views, labels, show)
     return replace(
         more,
         front=counts.front + more.front,
@@ -117,7 +117,7 @@ def count_uncovered(
     )
 
 
-def _counted(
+def _count(
     mesh: Mesh,
     views: Sequence[View],
     labels: Labels | None,

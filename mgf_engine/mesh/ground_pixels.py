@@ -39,12 +39,12 @@ def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
     normals = vertex_normals(mesh)
     distance, nearest = tree.query(mesh.vertices, workers=-1)
     size = (distance * pixels[nearest]).astype(np.float32)
-    hidden = np.flatnonzero(~_shown(mesh.vertices, normals, centres, views, nearest))
+    hidden = np.flatnonzero(~_is_shown(mesh.vertices, normals, centres, views, nearest))
     for rows in np.array_split(hidden, -(-len(hidden) // VERTICES_AT_ONCE) or 1):  # for these more views are sought
         vertices, directions = mesh.vertices[rows], normals[rows]
         distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
         found = np.zeros(len(rows), bool)
-        for shows in (_shown, _faced):
+        for shows in (_is_shown, _is_faced):
             for k in range(nearest.shape[1]):
                 left = np.flatnonzero(~found)
                 good = left[shows(vertices[left], directions[left], centres, views, nearest[left, k])]
@@ -53,7 +53,7 @@ def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
     return size
 
 
-def _faced(
+def _is_faced(
     vertices: NDArray[np.float64],
     normals: NDArray[np.float64],
     centres: NDArray[np.float64],
@@ -65,7 +65,7 @@ def _faced(
     return towards
 
 
-def _shown(
+def _is_shown(
     vertices: NDArray[np.float64],
     normals: NDArray[np.float64],
     centres: NDArray[np.float64],
@@ -73,7 +73,7 @@ def _shown(
     number: NDArray[np.integer],
 ) -> NDArray[np.bool_]:
     """Tell which vertices [N, 3] look towards their view, [N], and lie in its frame."""
-    shown = _faced(vertices, normals, centres, views, number)
+    shown = _is_faced(vertices, normals, centres, views, number)
     for view in np.unique(number[shown]):
         rows = np.flatnonzero(shown & (number == view))
         shown[rows] = views[view].project_into_frame(vertices[rows])[2]

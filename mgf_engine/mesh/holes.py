@@ -56,7 +56,7 @@ def fill_holes(
     owner = np.r_[np.arange(len(loops)), np.repeat(np.arange(len(loops)), [len(loop) for loop in loops])]
     free = is_free(np.concatenate([middles, *spokes]))
     opening = np.bincount(owner, weights=free) > 0.5 * np.bincount(owner)
-    return _with_fans(mesh, [loop for loop, kept_open in zip(loops, opening, strict=True) if not kept_open])
+    return _add_fans(mesh, [loop for loop, kept_open in zip(loops, opening, strict=True) if not kept_open])
 
 
 def rim_length(mesh: Mesh, loop: NDArray[np.int32]) -> float:
@@ -65,7 +65,7 @@ def rim_length(mesh: Mesh, loop: NDArray[np.int32]) -> float:
     return float(np.linalg.norm(rim - np.roll(rim, -1, axis=0), axis=1).sum())
 
 
-def _with_fans(mesh: Mesh, loops: list[NDArray[np.int32]]) -> Mesh:
+def _add_fans(mesh: Mesh, loops: list[NDArray[np.int32]]) -> Mesh:
     """Return the mesh with each loop closed; three vertices by one face, more by a fan around a new vertex."""
     fans = [loop for loop in loops if len(loop) > 3]
     faces: list[NDArray[Any]] = [mesh.faces]
@@ -86,11 +86,11 @@ def _with_fans(mesh: Mesh, loops: list[NDArray[np.int32]]) -> Mesh:
 def cap_rims(mesh: Mesh) -> Mesh:
     """Close every loop of open edges by triangles between its vertices (ear clipping): the bottom of a building."""
     known = set(np.unique(edges(mesh.faces)[0]).tolist())
-    caps = [_ears(mesh.vertices[loop], loop, known) for loop in boundary_loops(mesh)]
+    caps = [_clip_ears(mesh.vertices[loop], loop, known) for loop in boundary_loops(mesh)]
     return replace(mesh, faces=np.concatenate([mesh.faces, *caps]).astype(np.int32))
 
 
-def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int]) -> NDArray[np.int32]:
+def _clip_ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int]) -> NDArray[np.int32]:
     """Return triangles over a rim [n, 3], facing away from the faces that border it; ears with the best angle go first.
 
     Args:
@@ -115,14 +115,16 @@ def _ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int]) ->
         ends = names[np.roll(left, 1)].astype(np.int64), names[np.roll(left, -1)].astype(np.int64)
         chord = (np.minimum(*ends) << 32 | np.maximum(*ends)).tolist()
         new = [i for i in best.tolist() if chord[i] not in known] or best.tolist()
-        ear = next((i for i in new[:_EARS] if turn[i] > 0 and not _covers(before[i], p[i], after[i], p)), new[0])
+        ear = next((i for i in new[:_EARS] if turn[i] > 0 and not _contains_any(before[i], p[i], after[i], p)), new[0])
         known.add(chord[ear])
         faces.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
         del left[ear]
     return names[np.array([*faces, left])].astype(np.int32)
 
 
-def _covers(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], p: NDArray[np.float64]) -> bool:
+def _contains_any(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], p: NDArray[np.float64]
+) -> bool:
     """Tell whether a point of p [n, 2] lies inside the counter-clockwise triangle."""
     inside = (_cross2(b - a, p - a) > 0) & (_cross2(c - b, p - b) > 0) & (_cross2(a - c, p - c) > 0)
     return bool(inside.any())

@@ -64,7 +64,7 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
     """
     kinds: tuple[list[NDArray[np.int32]], ...] = ([], [], [])  # with one, two and three solid corners
     for begin in range(0, len(tetrahedra), CHUNK):
-        ordered, solid = _crossing(tetrahedra[begin : begin + CHUNK], state)
+        ordered, solid = _select_crossing(tetrahedra[begin : begin + CHUNK], state)
         for count, kind in enumerate(kinds, 1):
             kind.append(ordered[solid == count])
     del tetrahedra  # the largest array of the mesh stage; this is its last reference
@@ -73,10 +73,12 @@ def march(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8], points: NDArr
     triangles = [one[:, [0, 1, 0, 2, 0, 3]].reshape(-1, 3, 2), three[:, [0, 3, 1, 3, 2, 3]].reshape(-1, 3, 2)]
     triangles += _cut(two[:, [0, 2, 0, 3, 1, 3, 1, 2]].reshape(-1, 4, 2), points)
     del one, two, three
-    return _number(triangles, len(state))
+    return _number_edges(triangles, len(state))
 
 
-def _crossing(tetrahedra: NDArray[np.int32], state: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+def _select_crossing(
+    tetrahedra: NDArray[np.int32], state: NDArray[np.uint8]
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
     """Return those with solid and free corners, solid ones first, [C, 4], and how many are solid, [C]."""
     code, kept = np.zeros(len(tetrahedra), np.uint8), np.ones(len(tetrahedra), bool)
     for k in range(4):
@@ -99,7 +101,7 @@ def _cut(quads: NDArray[np.int32], points: NDArray[np.float64]) -> list[NDArray[
     return [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
 
 
-def _number(triangles: list[NDArray[np.int32]], count: int) -> Crossing:
+def _number_edges(triangles: list[NDArray[np.int32]], count: int) -> Crossing:
     """Give each distinct edge (solid, free) of triangles, arrays [F, 3, 2] that are used up, one number.
 
     Edges are sorted piece after piece of their solid points: all at once would take several times the memory.
@@ -156,14 +158,14 @@ def find_level(
         side, row = np.where(found < 0, 0, 1), np.arange(len(left))
         value[row, 1 - side] *= np.where(side == last, 0.5, 1.0)
         end[row, side], value[row, side] = t, np.where(np.abs(found) < 1, found, np.inf * (2 * side - 1))
-        place[left] = _next(end, value)
+        place[left] = _estimate_root(end, value)
         done = np.abs(found) < NEAR_ENOUGH
         place[left[done]] = t[done]
         left, last, end, value = left[~done], side[~done], end[~done], value[~done]
     return solid + place[:, None] * (free - solid)
 
 
-def _next(end: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
+def _estimate_root(end: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the next point of a bracket [n, 2] with values of opposite sign, infinite where only the sign is
     known."""
     known = np.isfinite(value).all(1)

@@ -69,7 +69,7 @@ def extract_level_set(
             crossing = march(make_tetrahedra(number), state, blocks.sites.points)
             crossed.append(len(crossing.faces))
         with times.part("level set"):
-            mesh = _place(blocks.sites, crossing, field, steps, report)
+            mesh = _place_vertices(blocks.sites, crossing, field, steps, report)
             return mesh if count < 2 else merge(clean.weld(clean.with_faces(mesh, mesh.faces)))
 
     mesh = mesh_of(0) if count < 2 else join_blocks(blocks, state, mesh_of, reporting.began)
@@ -78,7 +78,7 @@ def extract_level_set(
     return mesh
 
 
-def _place(
+def _place_vertices(
     sites: TetraPoints,
     crossing: Crossing,
     field: OpacityField | TsdfField,
@@ -86,7 +86,7 @@ def _place(
     progress: Callable[[float], None],
 ) -> Mesh:
     """Place a vertex on each crossing edge; leave out faces with an overlong edge."""
-    kept = crossing.faces[~_overlong(sites, crossing.edges)[crossing.faces].any(1)]
+    kept = crossing.faces[~_find_overlong(sites, crossing.edges)[crossing.faces].any(1)]
     solid, free = (sites.points[crossing.edges[:, k]] for k in range(2))
 
     def signed(points: NDArray[np.float64], share: float) -> NDArray[np.float32]:
@@ -96,7 +96,7 @@ def _place(
     return Mesh(vertices, kept, np.zeros((len(vertices), 3), np.uint8))
 
 
-def _overlong(sites: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _find_overlong(sites: TetraPoints, edges: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Find the edges longer than the extents of their two Gaussians together, which span empty space, bool [E]."""
     length = np.linalg.norm(sites.points[edges[:, 0]] - sites.points[edges[:, 1]], axis=1)
     too_long: NDArray[np.bool_] = length > sites.extent[edges].sum(1)

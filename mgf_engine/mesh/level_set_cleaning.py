@@ -69,7 +69,7 @@ def drop_unconfirmed_parts(mesh: Mesh, field: OpacityField | TsdfField, options:
         options: which parts are small, and which are confirmed.
     """
     large = clean.large_parts(mesh, options.min_component)
-    return clean.with_faces(mesh, mesh.faces[large | _confirmed(mesh, ~large, field, options)])
+    return clean.with_faces(mesh, mesh.faces[large | _find_confirmed(mesh, ~large, field, options)])
 
 
 def _drop_unseen(
@@ -98,7 +98,7 @@ def _cut_background(
     seen, small = np.ones(len(mesh.faces), bool), np.zeros(len(mesh.vertices), bool)
     if options.drop_unseen:
         seen = clean.seen_parts(mesh, counts.front + counts.back, options.min_component)
-        confirmed = _confirmed(mesh, ~seen, field, options)
+        confirmed = _find_confirmed(mesh, ~seen, field, options)
         seen |= confirmed
         small[mesh.faces[confirmed]] = True
     if labels is None:
@@ -109,7 +109,7 @@ def _cut_background(
     return clean.split_nonmanifold(clean.with_faces(replace(cut, values={}), cut.faces[stays]))
 
 
-def _confirmed(
+def _find_confirmed(
     mesh: Mesh, asked: NDArray[np.bool_], field: OpacityField | TsdfField, options: ExtractionOptions
 ) -> NDArray[np.bool_]:
     """Find those of the faces ``asked`` [F] that are in parts confirmed by the photos, bool [F]."""

@@ -15,7 +15,7 @@ from mgf_engine.geometry.clean import border_vertices, edges, with_faces
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.options.algorithms import parameter
 
-TOGETHER = 1e-5  # of the mesh's size
+MERGE_DISTANCE = 1e-5  # of the mesh's size
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,10 @@ def fill_low_confidence(
     loose = (confidence < options.unconfirmed) & ~border_vertices(mesh)
     if not loose.any():
         return mesh
-    neighbours = _neighbours(mesh)
+    neighbours = _adjacency_matrix(mesh)
     moved, label = _find_patches(mesh, neighbours, np.flatnonzero(loose), options)
-    membrane = _membrane(mesh, neighbours, moved)
-    wrong = _dents_and_bags(mesh, membrane, moved, label, options)
+    membrane = _span_membrane(mesh, neighbours, moved)
+    wrong = _find_dents_and_bags(mesh, membrane, moved, label, options)
     moved, label = moved[wrong], label[wrong]
     while len(moved):
         vertices = mesh.vertices.astype(np.float64)
@@ -65,7 +65,7 @@ def fill_low_confidence(
     return mesh
 
 
-def _membrane(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]) -> NDArray[np.float64]:
+def _span_membrane(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return all vertices with the moved ones where each is the mean of its neighbours, [N, 3]."""
     vertices = mesh.vertices.astype(np.float64)
     if len(moved):
@@ -75,7 +75,7 @@ def _membrane(mesh: Mesh, neighbours: sparse.csr_matrix, moved: NDArray[np.int64
     return vertices
 
 
-def _dents_and_bags(
+def _find_dents_and_bags(
     mesh: Mesh,
     membrane: NDArray[np.float64],
     moved: NDArray[np.int64],
@@ -104,7 +104,7 @@ def _representatives(vertices: NDArray[np.float64], moved: NDArray[np.int64]) ->
     """Return the vertex that stands for each, [N]: for moved ones the first at the same place, for others they
     themselves."""
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    place = np.round(vertices / (TOGETHER * size)).astype(np.int64)
+    place = np.round(vertices / (MERGE_DISTANCE * size)).astype(np.int64)
     _, index, where = np.unique(place, axis=0, return_index=True, return_inverse=True)
     result = np.arange(len(vertices))
     result[moved] = index[where.ravel()][moved]
@@ -125,7 +125,7 @@ def _merge_vertices(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple
     return merged, nonmanifold
 
 
-def _neighbours(mesh: Mesh) -> sparse.csr_matrix:
+def _adjacency_matrix(mesh: Mesh) -> sparse.csr_matrix:
     """Return which vertices an edge joins: 1 or 0, [N, N]."""
     start, neighbour = mesh.adjacency.neighbours()
     return sparse.csr_matrix((np.ones(len(neighbour)), neighbour, start), (len(mesh.vertices),) * 2)

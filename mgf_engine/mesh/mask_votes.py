@@ -54,7 +54,7 @@ def cut_background(
         if number > 0:
             counts = count_uncovered(mesh, left, counts, views, labels)
         part = replace(mesh, faces=mesh.faces[left])
-        keep = _shared(part, counts.inside[left], options) >= options.majority * _shared(
+        keep = _average_votes(part, counts.inside[left], options) >= options.majority * _average_votes(
             part, counts.known[left], options
         )
         left[left] = keep
@@ -63,7 +63,7 @@ def cut_background(
     return with_faces(mesh, mesh.faces[left])
 
 
-def _shared(mesh: Mesh, count: NDArray[np.int32], options: MaskVoteOptions) -> NDArray[np.float64]:
+def _average_votes(mesh: Mesh, count: NDArray[np.int32], options: MaskVoteOptions) -> NDArray[np.float64]:
     """Average votes [F] over neighbouring faces."""
     around = np.maximum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)), 1)
     votes = count.astype(np.float64)

@@ -84,14 +84,14 @@ def merge_cells(
     if call("mgf_merge_flat", len(at), len(mesh.faces), at, *given, options.even, into):
         raise MemoryError("Not enough memory to merge flat parts of the mesh; lower max_gaussians or the resolution.")
     for _ in range(options.tries):
-        apart = _pinched(into, mesh.faces)
+        apart = _find_pinched(into, mesh.faces)
         if not apart.any():
             break
         into[apart], at[apart] = np.flatnonzero(apart), mesh.vertices[apart]
     return weld(Mesh(at, into[mesh.faces], mesh.colors, mesh.values))
 
 
-def _pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _find_pinched(into: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
     """Find merged vertices [N] at which the surface touches itself: two discs whose rims share two edges."""
     merged = np.bincount(into, minlength=len(into)) > 1
     faces = into[faces]

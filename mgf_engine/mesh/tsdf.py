@@ -81,7 +81,7 @@ class TsdfField:
                 result[outside_hull(sample["outside"], sample["seen"], self.options.hull)] = np.inf
             return np.asarray(result, np.float32)
 
-        return _joined(self._sample(points, signed_of, progress), np.float32)
+        return _concatenate(self._sample(points, signed_of, progress), np.float32)
 
     def calibrate(self, points: NDArray[np.float64]) -> float:
         """Set the level to the median distance of triangulated surface points [N, 3]; return it, in pixels.
@@ -95,7 +95,7 @@ class TsdfField:
             distance = _distance(sample)[known]
             return distance[np.abs(distance) < 0.9]
 
-        near = _joined(self._sample(points, near_level), np.float32)
+        near = _concatenate(self._sample(points, near_level), np.float32)
         self.offset = float(np.median(near)) if len(near) >= self.options.calibration_points else 0.0
         return self.offset * self.band
 
@@ -108,7 +108,7 @@ class TsdfField:
         def off(sample: NDArray[np.void]) -> NDArray[np.float32]:
             return np.where(sample["weight"] > 0, _distance(sample) - self.offset, np.nan).astype(np.float32)
 
-        return _joined(self._sample(points, off), np.float32)
+        return _concatenate(self._sample(points, off), np.float32)
 
     def observations(self, points: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         """Count the views that show a surface at points [N, 3], and rate its confidence.
@@ -128,7 +128,7 @@ class TsdfField:
 
         found = list(self._sample(points, rate))
         kinds = {"confirmed": np.bool_, "views": np.uint8, "confidence": np.float32}
-        return {name: _joined((f[k] for f in found), kind) for k, (name, kind) in enumerate(kinds.items())}
+        return {name: _concatenate((f[k] for f in found), kind) for k, (name, kind) in enumerate(kinds.items())}
 
     def _sample(
         self,
@@ -162,7 +162,7 @@ class TsdfField:
         return (*pose_and_intrinsics(m.view), *arrays, *numbers)
 
 
-def _joined(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[Any]:
+def _concatenate(chunks: Iterable[NDArray[Any]], kind: type[np.generic]) -> NDArray[Any]:
     return np.concatenate([np.zeros(0, kind), *chunks])
 
 

@@ -59,7 +59,7 @@ def drop_unobserved(
     if not len(made_up):
         return mesh
     areas = face_areas(mesh)
-    wide = 2 * area > options.least_width * _rims(replace(mesh, faces=mesh.faces[made_up]), patch, pixel)
+    wide = 2 * area > options.least_width * _measure_rims(replace(mesh, faces=mesh.faces[made_up]), patch, pixel)
     large = (wide & (area > options.smallest * areas.sum()))[patch]
     made_up, patch = made_up[large], patch[large]
     asked = np.unique(mesh.faces[made_up])
@@ -73,7 +73,7 @@ def drop_unobserved(
     return with_faces(mesh, np.delete(mesh.faces, made_up[(before > options.most * area)[patch]], axis=0))
 
 
-def _rims(mesh: Mesh, patch: NDArray[np.integer], pixel: NDArray[np.floating]) -> NDArray[np.float64]:
+def _measure_rims(mesh: Mesh, patch: NDArray[np.integer], pixel: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the length of each patch's rim, times the size of a pixel there; ``patch``: of each face, [F]."""
     of_vertex = np.zeros(len(mesh.vertices), np.int64)
     of_vertex[mesh.faces] = patch[:, None]

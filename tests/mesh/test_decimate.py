@@ -14,7 +14,7 @@ from mgf_engine.errors import Cancelled
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
 from mgf_engine.mesh import decimate
-from mgf_engine.mesh.decimate import SLAB, reduce_faces
+from mgf_engine.mesh.decimate import SLAB_FACES, reduce_faces
 from mgf_engine.mesh.holes import boundary_loops
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native import library
@@ -197,7 +197,7 @@ def test_the_result_does_not_depend_on_the_number_of_threads():
             results.append(reduce_faces(mesh, tolerance=0.02))
         finally:
             library.set_threads(0)
-    assert len(mesh.faces) > 2 * SLAB
+    assert len(mesh.faces) > 2 * SLAB_FACES
     assert np.array_equal(results[0].faces, results[1].faces)
     assert np.array_equal(results[0].vertices, results[1].vertices)
 

@@ -14,9 +14,9 @@ import synthetic
 from mgf_blender.common.errors import UserError
 from mgf_blender.prompts import files, overlay
 from mgf_blender.prompts.properties import photo_image, photo_of_image
-from mgf_blender.prompts.roots import choose_roots
 from mgf_blender.prompts.tool import nearest
 from mgf_blender.scene_import.colmap import read_model
+from mgf_blender.scene_import.roots import choose_roots
 
 
 @pytest.fixture

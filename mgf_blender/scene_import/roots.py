@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from ..scene_import.colmap import Model
+from .colmap import Model
 
 _FEWEST = 3
 
