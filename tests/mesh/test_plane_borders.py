@@ -6,7 +6,7 @@ import pytest
 
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, fade_moves, slope_steps, smooth_borders, undo_folds
 from mgf_engine.mesh.plane_detection import Planes
-from tests.mesh.test_planar import joined, sheet
+from tests.support.sheets import joined, sheet
 
 LINE = np.arange(0, 61.0, 1.5)
 

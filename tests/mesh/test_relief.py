@@ -7,8 +7,8 @@ from mgf_engine.mesh.photo_consistency import see_vertices
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.mesh.relief import Relief, ReliefOptions
-from tests.mesh.test_extend_planes import cameras, plain, textured
-from tests.mesh.test_planar import joined, noisy, sheet
+from tests.support.sheets import joined, noisy, sheet
+from tests.support.wall_photos import cameras, plain, textured
 
 LINE = np.arange(0, 121.0, 1.5)
 HALF = 6.0  # width of the moulding: 12 pixels

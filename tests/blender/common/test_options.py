@@ -5,13 +5,11 @@ from __future__ import annotations
 
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
+from conftest import REPO
 
 from mgf_blender.common import options
-
-REPO = Path(__file__).resolve().parents[3]
 
 
 def test_committed_schema_is_the_engines():

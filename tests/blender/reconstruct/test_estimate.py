@@ -10,7 +10,7 @@ import subprocess
 import bpy
 import pytest
 import synthetic
-from common.test_options import REPO
+from conftest import REPO
 
 from mgf_blender.common import options
 from mgf_blender.reconstruct import estimate as module

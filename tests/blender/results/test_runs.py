@@ -12,6 +12,7 @@ from pathlib import Path
 import bpy
 import pytest
 import synthetic
+from conftest import REPO
 from layouts import draw
 
 from mgf_blender.common.textures import texture_of
@@ -19,7 +20,6 @@ from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.results.runs import old_runs
 from mgf_blender.scene_import.tree import Tree
 
-REPO = Path(__file__).resolve().parents[3]
 _UNDO = """
 import os, sys
 from pathlib import Path
