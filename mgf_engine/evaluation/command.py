@@ -209,10 +209,11 @@ def evenness_table(evenness: Evenness) -> str:
     mean = evenness.mean
     if mean is None:
         return "evenness: the mesh has no plane to measure"
-    rows = ["plane  share  RMS (pixels)  angle: median   90%"]
+    rows = ["plane  share  RMS (pixels)  angle: median   90%  90% away from edges"]
     planes = [(str(k + 1), plane) for k, plane in enumerate(evenness.planes)]
     for name, plane in [*planes, ("all", mean)]:
         rows.append(
             f"{name:>5} {100 * plane.share:5.1f}% {plane.rms:13.3f} {plane.angle_median:14.1f} {plane.angle_90:5.1f}"
+            f" {plane.interior_90:20.1f}"
         )
     return "\n".join([*rows, f"a pixel of the photos covers {evenness.ground_pixel:.4g}"])

@@ -68,6 +68,24 @@ def test_grain_shows_in_distance_and_angle() -> None:
     assert plane.angle_90 > 1.5 * plane.angle_median
 
 
+def test_reveals_and_corners_are_edges_and_grain_is_not() -> None:
+    """Niches 40 cm deep in a wall of 10 x 4 m; what joins wall and backs stands at right angles to it."""
+    row, column = np.mgrid[:81, :201]
+    niche = (row % 20 > 6) & (column % 25 > 10)
+    for grain in (0.0, 0.004):
+        noise = grain * np.random.default_rng(1).standard_normal(niche.shape)
+        plane = measure_evenness(grid((0, 0, 0), (10, 0, 0), (0, 0, 4), noise - 0.4 * niche), PIXEL / 2).planes[0]
+        plain = measure_evenness(grid((0, 0, 0), (10, 0, 0), (0, 0, 4), noise), PIXEL / 2).planes[0]
+        assert plane.angle_90 > 40
+        assert plane.interior_90 == pytest.approx(plain.angle_90, abs=0.5)
+
+
+def test_a_plane_that_is_nothing_but_edges_still_has_a_figure() -> None:
+    teeth = np.where(np.arange(200) % 2, 0.2, 0.0) * np.ones((60, 1))
+    plane = measure_evenness(grid((0, 0, 0), (10, 0, 0), (0, 0, 4), teeth), PIXEL / 2).planes[0]
+    assert plane.interior_90 == plane.angle_90
+
+
 def test_the_same_whatever_the_seed_and_where_the_scene_lies() -> None:
     mesh = house(0.01)
     far = Surface(7 * mesh.vertices + [3e6, 5e6, 100], mesh.faces)
