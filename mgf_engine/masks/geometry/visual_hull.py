@@ -18,9 +18,11 @@ from mgf_engine.errors import BadInput
 from mgf_engine.geometry.boxes import pad_box, percentile_box
 from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
 from mgf_engine.model.scene import Scene
+from mgf_engine.native.parallel import parallel_map
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.neighbours import MatchingPoints
 
+_BYTES_PER_CELL, _BYTES_PER_PIXEL = 150, 6  # while a view votes on the cells
 _FEWEST = 8  # sparse points that bound the box in which the hull is looked for
 
 
@@ -193,15 +195,21 @@ def _on_building(
 ) -> NDArray[np.bool_]:
     """Tell which cells [N, 3] enough masks call building and few outside, bool [N]."""
     inside, outside = np.zeros(len(cells), np.int32), np.zeros(len(cells), np.int32)
-    for i in views:
+
+    def vote(i: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which cells lie in the frame of a view, [N], and which of those it calls building and outside."""
         view, labels = scene.views[i], masks.labels[i]
         uv, depth, framed = view.project_into_frame(cells)
         column, row = uv[framed].astype(int).T
         at = row, column
         reach = 0.5 * size * view.fx / np.maximum(depth[framed], 1e-9)
         beside = cv2.distanceTransform((labels == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 3)[at]
-        inside[framed] += building(labels)[at] | ((beside > 0) & (beside <= reach))
-        outside[framed] += beside > reach
+        return framed, building(labels[at]) | ((beside > 0) & (beside <= reach)), beside > reach
+
+    each = _BYTES_PER_CELL * len(cells) + _BYTES_PER_PIXEL * max((masks.labels[i].size for i in views), default=0)
+    for framed, on_it, off_it in parallel_map(vote, views, bytes_each=each):
+        inside[framed] += on_it
+        outside[framed] += off_it
     return (inside >= options.least_views) & (outside <= options.outside_share * (inside + outside))
 
 
