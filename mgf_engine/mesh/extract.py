@@ -32,8 +32,8 @@ from mgf_engine.mesh.raw_surface import RAW_SURFACE_DONE, SurfaceInputs, raw_sur
 from mgf_engine.mesh.refine import RefinementOptions, project_onto_surface, refine
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.mesh.screening import screen
+from mgf_engine.mesh.surface_field import SurfaceField
 from mgf_engine.mesh.trusted_views import TrustedViews
-from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
@@ -103,9 +103,7 @@ def extract_mesh(
         return finish_mesh(simplify_mesh(mesh, trusted.views, options, reporter), field, options)
 
 
-def move_onto_depth_maps(
-    mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
-) -> Mesh:
+def move_onto_depth_maps(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
     """Move the level set of an opacity field onto the matched depth maps; a fused surface is returned unchanged.
 
     Args:
@@ -136,7 +134,7 @@ def color_mesh(mesh: Mesh, scene: Scene, trusted: TrustedViews, options: ColorOp
     )  # fmt: skip
 
 
-def finish_mesh(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
+def finish_mesh(mesh: Mesh, field: SurfaceField, options: ExtractionOptions) -> Mesh:
     """Attach confidence and number of views to the simplified mesh, and fill dents that no photo confirms."""
     values = {name: v for name, v in field.observations(mesh.vertices).items() if name != "confirmed"}
     planar = mesh.values.get(ON_PLANE, np.zeros(len(mesh.vertices), np.uint8)) > 0
@@ -213,7 +211,7 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     return replace(result, vertices=mesh.vertices + moves)
 
 
-def trim_mesh(mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
+def trim_mesh(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
     """Remove faces along the border of a mesh that no photo shows, and small parts that this cuts off.
 
     The new border is smooth.

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.mesh.isosurface import Crossing, find_level, march
-from mgf_engine.mesh.opacity import OpacityField
+from mgf_engine.mesh.surface_field import SurfaceField
 from mgf_engine.mesh.tetra_blocks import TetraBlocks, join_blocks
 from mgf_engine.mesh.tetrahedra import TetraPoints
-from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.system.timing import PartTimes
 
@@ -39,7 +38,7 @@ class Reporting:
 def extract_level_set(
     blocks: TetraBlocks,
     make_tetrahedra: Callable[[int], NDArray[np.int32]],
-    field: OpacityField | TsdfField,
+    field: SurfaceField,
     steps: int,
     reporting: Reporting = Reporting(),
     merge: Callable[[Mesh], Mesh] = lambda mesh: mesh,
@@ -81,7 +80,7 @@ def extract_level_set(
 def _place_vertices(
     sites: TetraPoints,
     crossing: Crossing,
-    field: OpacityField | TsdfField,
+    field: SurfaceField,
     steps: int,
     progress: Callable[[float], None],
 ) -> Mesh:

@@ -16,11 +16,10 @@ from mgf_engine.mesh.ground_pixels import ground_pixels
 from mgf_engine.mesh.holes import fill_holes
 from mgf_engine.mesh.isosurface import FREE
 from mgf_engine.mesh.mask_votes import cut_background
-from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar_clustering import merge_flat
+from mgf_engine.mesh.surface_field import SurfaceField
 from mgf_engine.mesh.trusted_views import TrustedViews
-from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.mesh.unobserved_volumes import drop_unobserved
 from mgf_engine.model.mesh import Mesh
 
@@ -30,7 +29,7 @@ _SMALL_PART = "small_part"
 
 def clean_level_set(
     mesh: Mesh,
-    field: OpacityField | TsdfField,
+    field: SurfaceField,
     trusted: TrustedViews,
     options: ExtractionOptions,
 ) -> Mesh:
@@ -60,7 +59,7 @@ def clean_level_set(
     return clean.smooth(mesh, options.smoothing)
 
 
-def drop_unconfirmed_parts(mesh: Mesh, field: OpacityField | TsdfField, options: ExtractionOptions) -> Mesh:
+def drop_unconfirmed_parts(mesh: Mesh, field: SurfaceField, options: ExtractionOptions) -> Mesh:
     """Remove the parts of a mesh that are small and that no photos confirm.
 
     Args:
@@ -72,9 +71,7 @@ def drop_unconfirmed_parts(mesh: Mesh, field: OpacityField | TsdfField, options:
     return clean.with_faces(mesh, mesh.faces[large | _find_confirmed(mesh, ~large, field, options)])
 
 
-def _drop_unseen(
-    mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
-) -> Mesh:
+def _drop_unseen(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
     """Remove volumes and large patches that no photo shows."""
     mesh = replace(mesh, values=field.observations(mesh.vertices))
     if "confidence" in mesh.values:
@@ -85,9 +82,7 @@ def _drop_unseen(
     return replace(clean.drop_unconfirmed(mesh, mesh.values["confirmed"], options.made_up), values={})
 
 
-def _cut_background(
-    mesh: Mesh, field: OpacityField | TsdfField, trusted: TrustedViews, options: ExtractionOptions
-) -> Mesh:
+def _cut_background(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
     """Orient the mesh outward; remove parts that few pixels show, and faces that the masks show as background.
 
     Small parts that the photos confirm are kept, even if the removal makes them smaller; other small pieces are not.
@@ -110,7 +105,7 @@ def _cut_background(
 
 
 def _find_confirmed(
-    mesh: Mesh, asked: NDArray[np.bool_], field: OpacityField | TsdfField, options: ExtractionOptions
+    mesh: Mesh, asked: NDArray[np.bool_], field: SurfaceField, options: ExtractionOptions
 ) -> NDArray[np.bool_]:
     """Find those of the faces ``asked`` [F] that are in parts confirmed by the photos, bool [F]."""
     if not options.drop_unseen or "confidence" not in field.observations(mesh.vertices[:1]):

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from mgf_engine.geometry import clean
 from mgf_engine.mesh.ground_pixels import nearest_pixels
 from mgf_engine.mesh.level_set import Reporting, extract_level_set
-from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior
-from mgf_engine.mesh.surface_field import calibrate_level, select_near_box, surface_field
+from mgf_engine.mesh.surface_field import SurfaceField, calibrate_level, select_near_box, surface_field
 from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide, tetrahedra_in_background
 from mgf_engine.mesh.tetrahedra import TetraPoints, add_surface_points, tetra_points
 from mgf_engine.mesh.trusted_views import TrustedViews
-from mgf_engine.mesh.tsdf import TsdfField
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet
@@ -57,7 +55,7 @@ class SurfaceInputs:
 
 def raw_surface(
     kept: Gaussians, given: SurfaceInputs, options: ExtractionOptions, reporter: Reporter, times: PartTimes
-) -> tuple[Mesh, OpacityField | TsdfField]:
+) -> tuple[Mesh, SurfaceField]:
     """Extract the level set; points and tetrahedra, the largest arrays of the stage, are freed on return.
 
     Args:

@@ -25,8 +25,11 @@ _RENDERED = 0.15  # progress of the stage (0..1) when the depth maps are done
 
 log = logging.getLogger("mgf")
 
+#: What tells solid from free: both have ``classify``, ``signed``, ``calibrate`` and ``observations``.
+SurfaceField = OpacityField | TsdfField
 
-def calibrate_level(field: OpacityField | TsdfField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:
+
+def calibrate_level(field: SurfaceField, scene: Scene, masks: MaskSet, options: ExtractionOptions) -> None:
     """Set the level of a field so that the surface runs through the most reliable sparse points (``calibrate_level``).
 
     Args:
@@ -50,7 +53,7 @@ def surface_field(
     options: ExtractionOptions,
     reporter: Reporter,
     prior: Prior | None = None,
-) -> OpacityField | TsdfField:
+) -> SurfaceField:
     """Make the field of the option ``surface``.
 
     With ``surface=opacity``, depth maps are fused as well if a later step needs to know what the photos show.
