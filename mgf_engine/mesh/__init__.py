@@ -13,4 +13,6 @@
    these planes, and ``border_smoothing`` trims open borders.
 6. ``colors`` colours the vertices from the photos, ``decimate`` simplifies the mesh, and ``low_confidence_fill`` fills
    unconfirmed dents.
+
+Most distances are in ground pixels (``ground_pixels``): what a pixel of the nearest photo covers on the surface.
 """
