@@ -24,7 +24,7 @@ QUEUED, RUNNING, CANCELLING, DONE, FAILED, CANCELLED = "QUEUED", "RUNNING", "CAN
 #: What is said where the preferences name a Python that has no engine.
 NO_ENGINE = N_("The chosen environment has no MGF engine; install it or choose another one in the preferences.")
 #: Kinds of jobs that go through the engine's stages and can be resumed.
-STAGES = ("reconstruct", "masks", "scene")
+RESUMABLE = ("reconstruct", "masks", "scene")
 _LIVE = {QUEUED, RUNNING, CANCELLING}
 #: A job asked to stop that has not ended after this many seconds is killed; its checkpoints stay.
 PATIENCE = 30.0
@@ -178,7 +178,7 @@ class Job:
         if missing is not None:
             return tr(NO_ENGINE)
         error = next((e for e in reversed(self.last_errors) if e.strip()), "")
-        if self.kind not in STAGES:
+        if self.kind not in RESUMABLE:
             text = N_("The engine ended with code {code} ({error}); try again, and report it if it happens twice.")
             return tr(text, code=code, error=error.strip() or tr("no reason given"))
         if code < 0:

@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..common.errors import UserError
+from ..common.job import CANCELLED, DONE, FAILED, RUNNING
 from ..common.process import Process
-
-RUNNING, DONE, FAILED, CANCELLED = "RUNNING", "DONE", "FAILED", "CANCELLED"
 
 
 @dataclass(frozen=True)

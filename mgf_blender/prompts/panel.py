@@ -4,7 +4,7 @@
 import bpy
 
 from ..common import runner
-from ..common.job import DONE, STAGES
+from ..common.job import DONE, RESUMABLE
 from ..common.panels import PhotoPanel
 from ..common.text import draw_sentence, tr
 from ..properties import key_of
@@ -119,7 +119,7 @@ class MGF_PT_masks(PhotoPanel, bpy.types.Panel):
         layout = self.layout
         layout.operator("mgf.find_masks", icon="RENDERLAYERS")
         key = key_of(context.scene)
-        job = runner.live_job(key, STAGES) if key else None
+        job = runner.live_job(key, RESUMABLE) if key else None
         found = [j for j in runner.jobs(key) if j.kind == "masks"] if key else []
         if job is not None or found:
             draw_job(layout, job or found[-1])

@@ -17,7 +17,7 @@ import bpy
 
 from ..common.addon import preferences
 from ..common.errors import UserError, sentence
-from ..common.job import NO_ENGINE
+from ..common.job import DONE, FAILED, NO_ENGINE, RUNNING
 from ..common.process import Process
 from ..common.runner import redraw
 from ..common.text import N_, tr
@@ -25,7 +25,6 @@ from ..engine.environment import engine_command
 from ..properties import key_of, scene_key, scene_of
 from . import files
 
-RUNNING, DONE, FAILED = "RUNNING", "DONE", "FAILED"
 _TICK = 0.1  # seconds between two looks at the process
 _QUIET = 0.35  # seconds without a change of the clicks before an automatic preview starts
 

@@ -10,7 +10,7 @@ from ..common import options, runner
 from ..common.editors import show_image
 from ..common.errors import UserError
 from ..common.files import open_file
-from ..common.job import DONE, STAGES, Job
+from ..common.job import DONE, RESUMABLE, Job
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..job_folder import broke_off, given_options, has_job_file, job_folder
@@ -227,7 +227,7 @@ class MGF_OT_reset_options(Operator):
         options.reset(context.scene.mgf.options)
 
 
-def last_job(scene: bpy.types.Scene, kinds: tuple[str, ...] = STAGES) -> Job | None:
+def last_job(scene: bpy.types.Scene, kinds: tuple[str, ...] = RESUMABLE) -> Job | None:
     """Return the job that a panel talks about: the running one of these kinds, else the newest."""
     key = key_of(scene)
     if not key:

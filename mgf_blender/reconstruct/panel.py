@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 
 from ..common import options, runner
-from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, STAGES, Job
+from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, RESUMABLE, Job
 from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr, widest
@@ -175,7 +175,7 @@ def _draw_buttons(layout: bpy.types.UILayout, job: Job) -> None:
     if job.live and job.preview:
         text = N_("Show Render") if job.preview_stage == "field" else N_("Show Masks")
         row.operator("mgf.show_preview", text=text, icon="IMAGE_DATA")
-    if job.kind in STAGES:
+    if job.kind in RESUMABLE:
         _draw_file_button(row, job.folder, "log.txt", N_("Open Log"), "TEXT")
     if job.status == DONE and job.kind == "reconstruct":
         _draw_file_button(row, job.folder, "report.html", N_("Open Report"), "URL")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 
 import bpy
@@ -14,6 +15,7 @@ from finished_work import OFFSET, write_georef
 from layouts import draw
 
 from mgf_blender.georef import files, magnifier, place
+from mgf_blender.georef.operators import step_from
 from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
 from mgf_blender.georef.properties import mark_of, set_mark
 from mgf_blender.georef.tool import dragged
@@ -52,6 +54,23 @@ def arguments(house) -> list[str]:
 def option(house, name: str) -> str:
     line = arguments(house)
     return line[line.index(name) + 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "to"),
+    [("b", 1, "d"), ("b", -1, "f"), ("f", 1, "b"), ("c", 1, "d"), ("c", -1, "b"), ("g", 1, "b"), ("", 1, "b")],
+)
+def test_steps_lead_to_the_next_photo_and_round(name, step, to):
+    assert step_from(name, ["b", "d", "f"], step) == to
+
+
+def test_rmse_is_of_the_points_that_count():
+    nowhere = (math.nan,) * 3
+    rows = [
+        files.Row("P1", "control", (0.03, 0.0, 0.04), 1.0, ""), files.Row("P2", "control", (0.0, 0.0, 0.0), 1.0, ""),
+        files.Row("P3", "control", (1.0, 1.0, 1.0), 9.0, "wrong"), files.Row("P4", "check", nowhere, math.nan, ""),
+    ]  # fmt: skip
+    assert files.rmse(rows, "control") == pytest.approx(0.05 / math.sqrt(2)) and files.rmse(rows, "check") is None
 
 
 def test_points_are_read_by_the_engine_and_listed(finished, house):

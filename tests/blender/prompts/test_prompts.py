@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import bpy
@@ -32,6 +33,17 @@ def test_roots_are_a_fifth_and_spread(state, house):
     angles = sorted(np.degrees(2 * np.pi * i / 12) for i in chosen)
     assert min(np.diff([*angles, angles[0] + 360])) >= 60
     assert all(p.file and p.width for p in state.photos)
+
+
+def test_photos_of_one_name_in_two_folders_are_told_apart(state, tmp_path):
+    for folder, photo in zip("ab", state.photos[:2], strict=True):
+        path = (tmp_path / folder / "IMG_1").with_suffix(Path(photo.file).suffix)
+        path.parent.mkdir()
+        photo.file = str(shutil.copyfile(photo.file, path))
+    images = [photo_image(photo) for photo in state.photos[:2]]
+    assert [photo_of_image(bpy.context.scene, image) for image in reversed(images)] == [1, 0]
+    state.photos[0].file = images[0].filepath = ""  # nothing is not the same as nothing
+    assert photo_of_image(bpy.context.scene, images[0]) == -1
 
 
 def test_file_round_trip(state, tmp_path):
