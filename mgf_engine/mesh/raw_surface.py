@@ -17,7 +17,7 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.planar_clustering import merge_flat
 from mgf_engine.mesh.prior import Prior
 from mgf_engine.mesh.surface_field import SurfaceField, calibrate_level, select_near_box, surface_field
-from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide, tetrahedra_in_background
+from mgf_engine.mesh.tetra_blocks import TetraBlocks, divide_into_blocks, tetrahedra_in_background
 from mgf_engine.mesh.tetrahedra import TetraPoints, add_surface_points, tetra_points
 from mgf_engine.mesh.trusted_views import TrustedViews
 from mgf_engine.messages import Reporter
@@ -54,13 +54,13 @@ class SurfaceInputs:
 
 
 def raw_surface(
-    kept: Gaussians, given: SurfaceInputs, options: ExtractionOptions, reporter: Reporter, times: PartTimes
+    kept: Gaussians, inputs: SurfaceInputs, options: ExtractionOptions, reporter: Reporter, times: PartTimes
 ) -> tuple[Mesh, SurfaceField]:
     """Extract the level set; points and tetrahedra, the largest arrays of the stage, are freed on return.
 
     Args:
         kept: the screened Gaussians.
-        given: photos, masks, starting surface and crop box.
+        inputs: photos, masks, starting surface and crop box.
         options: of the extraction.
         reporter: for progress, warnings and the request to cancel.
         times: records the time of each step.
@@ -69,18 +69,18 @@ def raw_surface(
         The level set, and the field that it was extracted from.
     """
     with timed_part(times, "points"):
-        blocks = divide(span_points(kept, given.box, given.start, options), options.blocks)
-    prior = None if given.start is None else Prior(given.start.mesh, given.start.confidence)
+        blocks = divide_into_blocks(span_points(kept, inputs.box, inputs.start, options), options.blocks)
+    prior = None if inputs.start is None else Prior(inputs.start.mesh, inputs.start.confidence)
     with tetrahedra_in_background(blocks) as made:
         with timed_part(times, "depth maps"):
-            field = surface_field(kept, given.trusted, options, reporter, prior)
-            calibrate_level(field, given.scene, given.masks, options)
+            field = surface_field(kept, inputs.trusted, options, reporter, prior)
+            calibrate_level(field, inputs.scene, inputs.masks, options)
         mesh = extract_level_set(
             blocks, lambda number: made(number, reporter.check), field, options.level_steps,
-            _reporting(blocks, reporter, times), lambda part: _merge_flat(part, blocks, given.trusted.views, options),
+            _reporting(blocks, reporter, times), lambda part: _merge_flat(part, blocks, inputs.trusted.views, options),
         )  # fmt: skip
     if options.blocks > 1 and options.merge_flat:
-        mesh = _merge_seams(clean.weld(mesh), blocks, given.trusted.views, options)
+        mesh = _merge_seams(clean.weld(mesh), blocks, inputs.trusted.views, options)
     return mesh, field
 
 

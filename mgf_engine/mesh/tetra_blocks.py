@@ -52,7 +52,7 @@ class TetraBlocks:
         return result
 
 
-def divide(sites: TetraPoints, count: int) -> TetraBlocks:
+def divide_into_blocks(sites: TetraPoints, count: int) -> TetraBlocks:
     """Divide points into at most ``count`` blocks; blocks without tetrahedra are left out.
 
     Args:
