@@ -35,6 +35,8 @@ _START = {
 _TOOLS = {
     "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
 }  # fmt: skip
+_NAME_LETTERS = 14  # of an option's name that Blender's own layout has room for, in a sidebar of the default width
+_LONG_NAME = 0.48  # share of the width for a longer one
 
 
 class MGF_PT_mark(SidebarPanel, bpy.types.Panel):
@@ -134,10 +136,24 @@ class MGF_PT_options(SidebarPanel, bpy.types.Panel):
                 for name in names:
                     if name == "crop_box":  # an object in the viewport stands for it
                         continue
-                    column.prop(state.options, name)
+                    _draw_option(column, state.options, name)
                 if section == "masks":
                     column.prop(state, "masks_folder")
         layout.operator("mgf.reset_options", icon="LOOP_BACK")
+
+
+def _draw_option(layout: bpy.types.UILayout, values: bpy.types.PropertyGroup, name: str) -> None:
+    """Draw an option; a long name gets more of the width than Blender gives it, and the value less."""
+    title = tr(options.title(name))
+    if options.OPTIONS[name]["type"] == "bool" or len(title) <= _NAME_LETTERS:
+        layout.prop(values, name)
+        return
+    split = layout.split(factor=_LONG_NAME)
+    split.use_property_split = False
+    label = split.row()
+    label.alignment = "RIGHT"
+    label.label(text=title, translate=False)
+    split.prop(values, name, text="")
 
 
 def _draw_memory(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup) -> None:

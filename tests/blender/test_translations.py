@@ -26,7 +26,7 @@ from mgf_blender.prompts import files, operators, overlay, preview
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.reconstruct import engine_sentences
 from mgf_blender.reconstruct.engine_messages import in_panel_terms, translate_message
-from mgf_blender.reconstruct.panel import _START, _TOOLS, MGF_PT_mark
+from mgf_blender.reconstruct.panel import _NAME_LETTERS, _START, _TOOLS, MGF_PT_mark
 from mgf_blender.scene_import.panel import MGF_PT_scene
 
 
@@ -240,10 +240,9 @@ def test_tooltips_that_say_what_a_button_does_here_are_translated(german):
 
 
 #: What a sidebar of the default width has room for, in pixels at interface scale 1, as seen in Blender 5.2: a name
-#: before its value, one behind its tick, and the line of a progress bar.
-NAME, TICK, BAR = 86, 114, 182
-#: They lose their last letters there; the tooltips have them.
-CUT = {"Boundary Weight", "Depth Smoothing", "Screening Dilation"}
+#: before its value, a long one that the panel gives more of the width, one behind its tick, and the line of a progress
+#: bar.
+NAME, LONG_NAME, TICK, BAR = 86, 100, 114, 182
 
 
 def width(text: str) -> float:
@@ -257,15 +256,13 @@ def width(text: str) -> float:
 def test_names_of_options_have_room():
     german = translations.dictionary()["de_DE"]
     known = {english: text for (_, english), text in german.items()}
-    wide = set()
+    cut = set()
     for name, option in options.OPTIONS.items():
         title = options.title(name)
-        wide |= {
-            text
-            for text in (title, known.get(title, title))
-            if width(text) > (TICK if option["type"] == "bool" else NAME)
-        }
-    assert wide - {known["Crop Box"], "Crop Box"} == CUT
+        for text in {title, known.get(title, title)} - {known["Crop Box"], "Crop Box"}:
+            name_room = NAME if len(text) <= _NAME_LETTERS else LONG_NAME
+            cut |= {text} if width(text) > (TICK if option["type"] == "bool" else name_room) else set()
+    assert cut == set()
 
 
 def test_progress_bars_say_how_long_it_takes_still():
