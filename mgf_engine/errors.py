@@ -40,6 +40,11 @@ class Cancelled(Exception):
     """The user cancelled the job; it can be resumed."""
 
 
+def reason(error: BaseException) -> str:
+    """Return why something failed, for a sentence: of the system's errors what it says, without number and path."""
+    return str(getattr(error, "strerror", None) or error)
+
+
 def is_full_disk(error: BaseException) -> bool:
     """Tell whether the error means a full disk."""
     return isinstance(error, OSError) and error.errno in _FULL_DISK

@@ -54,7 +54,7 @@ def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:
         UserError: the file cannot be read or is no prompts file.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        data = json.loads(path.read_bytes())  # UTF-8, or UTF-16 as PowerShell writes
     except (OSError, ValueError, RecursionError) as error:
         raise UserError(
             "Cannot read '{path}' ({error}); choose a prompts.json file.", path=path, error=reason(error)

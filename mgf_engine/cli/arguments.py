@@ -59,6 +59,8 @@ class Parser(argparse.ArgumentParser):
         super()._check_value(action, value)
 
     def error(self, message: str) -> NoReturn:
+        for kind, wanted in (("int", "a whole number"), ("float", "a number")):  # argparse names Python's types
+            message = message.replace(f": invalid {kind} value: ", f" takes {wanted}, not ", 1)
         self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; '{self.prog} --help' lists all.\n")
 
 

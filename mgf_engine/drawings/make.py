@@ -42,7 +42,7 @@ from mgf_engine.drawings.write import (
     write_sheets,
 )
 from mgf_engine.files.atomic import write_json
-from mgf_engine.jobs.job_folder import locked, with_algorithms_of_job
+from mgf_engine.jobs.job_folder import locked, read_job, with_algorithms_of_job
 from mgf_engine.jobs.output_folder import Cost, check_place, new_folder, tell_of_earlier
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import Planes
@@ -74,6 +74,7 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
     if wanted.kinds != frozenset(KINDS):
         tell_of_earlier(folder, INDEX, reporter)
     cost = Cost()
+    read_job(job)  # or the lock would be left in a folder without a job
     with locked(job), new_folder(folder) as beside:
         with cost.of("reading"):
             config = with_algorithms_of_job(job, wanted.algorithms, reporter.warning)

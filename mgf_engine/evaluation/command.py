@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mgf_engine.console.shared_arguments import path_of
-from mgf_engine.errors import EXIT_DONE, BadInput
+from mgf_engine.errors import EXIT_DONE, BadInput, reason
 from mgf_engine.files.atomic import write_json
 
 if TYPE_CHECKING:
@@ -151,7 +151,9 @@ def _read_mesh(path: Path, georeferenced: bool = True) -> Surface:
         offset = np.array(json.loads((folder / "georef.json").read_text(encoding="utf-8"))["offset"], np.float64)
         return Surface(found.vertices + offset, found.faces, str(path))
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"The georeference in '{folder}' cannot be used ({error}); run 'mgf georef' again.") from error
+        raise BadInput(
+            f"The georeference in '{folder}' cannot be used ({reason(error)}); run 'mgf georef' again."
+        ) from error
 
 
 def _compare_with_scan(args: argparse.Namespace, mesh: Surface) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ def read_materials(truth: Path, faces: int) -> Materials | None:
         index = np.load(of_faces, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise BadInput(
-            f"Cannot read the materials of '{truth}' ({error}); write '{listed.name}' and '{of_faces.name}' again, or "
-            "remove both."
+            f"Cannot read the materials of '{truth}' ({reason(error)}); write '{listed.name}' and '{of_faces.name}' "
+            "again, or remove both."
         ) from error
     named = isinstance(names, list) and all(isinstance(name, str) for name in names)
     fits = index.shape == (faces,) and index.dtype.kind in "iu"

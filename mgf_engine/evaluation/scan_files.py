@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.evaluation.surfaces import Points
 from mgf_engine.system.machine import is_installed
 
@@ -36,7 +36,7 @@ def read_scan(path: Path) -> Points:
     try:
         points = {".e57": _read_e57, ".ply": _read_ply}.get(kind, _read_las)(path)
     except Exception as error:  # the readers raise whatever their parsers raise
-        raise BadInput(f"Cannot read the scan '{path}' ({error}); export it again.") from error
+        raise BadInput(f"Cannot read the scan '{path}' ({reason(error)}); export it again.") from error
     points = points[np.isfinite(points).all(1)]
     if len(points) < 100:
         raise BadInput(f"The scan '{path}' has {len(points)} points; a comparison needs a hundred at least.")

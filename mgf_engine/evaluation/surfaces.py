@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.geometry.components import label_components
 
 Points = NDArray[np.float64]
@@ -193,5 +193,5 @@ def read_surface(path: Path) -> Surface:
         loaded: Any = trimesh.load(path, process=False, force="mesh")
         vertices, faces = np.asarray(loaded.vertices), np.asarray(getattr(loaded, "faces", np.zeros((0, 3))))
     except Exception as error:  # the readers raise whatever their parsers raise
-        raise BadInput(f"Cannot read the mesh '{path}' ({error}); give a PLY, OBJ or GLB file.") from error
+        raise BadInput(f"Cannot read the mesh '{path}' ({reason(error)}); give a PLY, OBJ or GLB file.") from error
     return Surface(vertices, faces, str(path))

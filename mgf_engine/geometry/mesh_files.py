@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.files.atomic import atomic_path
 from mgf_engine.files.images import read_rgb
 from mgf_engine.files.safe_npz import read_arrays
@@ -81,7 +81,9 @@ def read_ply(path: Path, values: Sequence[str] = ()) -> Mesh:
         loaded: Any = trimesh.load(path, file_type="ply", process=False, force="mesh")
         vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int32)
     except Exception as error:  # the reader raises whatever its parsing meets
-        raise BadInput(f"The mesh '{path}' is missing or damaged ({error}); give a PLY file with triangles.") from error
+        raise BadInput(
+            f"The mesh '{path}' is missing or damaged ({reason(error)}); give a PLY file with triangles."
+        ) from error
     known = len(faces) > 0 and faces.min() >= 0 and faces.max() < len(vertices)
     if not known or not np.isfinite(vertices).all():
         raise BadInput(f"The mesh '{path}' holds no usable triangles; give a PLY file with triangles.")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.files.atomic import write_json
 
 FILE = "georef.json"
@@ -131,7 +131,9 @@ def read_georeference(folder: Path) -> Georeference:
             raise ValueError("it was written by another version of MGF")
         return _checked(data)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise BadInput(f"The georeference '{path}' cannot be used ({error}); run 'mgf georef' again.") from error
+        raise BadInput(
+            f"The georeference '{path}' cannot be used ({reason(error)}); run 'mgf georef' again."
+        ) from error
 
 
 def _checked(data: dict[str, Any]) -> Georeference:

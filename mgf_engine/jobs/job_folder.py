@@ -14,7 +14,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.options.algorithms import is_algorithm_option
 from mgf_engine.options.config import Config, make_config
 from mgf_engine.stages import STAGE_NAMES
@@ -43,8 +43,10 @@ def read_job(folder: Path) -> dict[str, Any]:
         _check_stages(data["stages"])
     except FileNotFoundError as error:
         raise BadInput(f"'{folder}' holds no job; give the folder that 'mgf reconstruct' made.") from error
+    except NotADirectoryError as error:
+        raise BadInput(f"'{folder}' is a file; give the job's folder.") from error
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise BadInput(f"The job file '{path}' cannot be read ({error}); start in a new folder.") from error
+        raise BadInput(f"The job file '{path}' cannot be read ({reason(error)}); start in a new folder.") from error
     if data["format"] != FORMAT:
         raise BadInput(f"The job in '{folder}' was written by another version of MGF; start in a new folder.")
     return data

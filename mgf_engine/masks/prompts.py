@@ -186,7 +186,7 @@ def _read_json(given: Path | PromptsFile) -> dict[str, Any]:
     file = given if isinstance(given, PromptsFile) else PromptsFile.read(given)
     path = file.path
     try:
-        data = json.loads(file.content.decode("utf-8-sig"), object_pairs_hook=_unique_keys)
+        data = json.loads(file.content, object_pairs_hook=_unique_keys)  # bytes: also UTF-16, as PowerShell writes
     except _DuplicateKey as error:
         raise BadInput(f"'{path}' holds '{error}' twice; merge the two entries into one.") from error
     except (ValueError, RecursionError) as error:

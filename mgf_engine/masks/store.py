@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.files.atomic import atomic_path, write_json
 from mgf_engine.files.images import png_size
 from mgf_engine.masks.parts import Part
@@ -104,7 +104,7 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
             raise ValueError("scores")
         clicks = _clicks(views)
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise BadInput(f"Cannot read the masks in '{folder}' ({error}); {again}.") from error
+        raise BadInput(f"Cannot read the masks in '{folder}' ({reason(error)}); {again}.") from error
     if names != [v.name for v in scene.views] or files != label_files(scene) or len(points) != len(scene.points):
         raise BadInput(f"The masks in '{folder}' belong to another scene; {again}.")
     labels = []

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.options.algorithms import is_algorithm_option
 from mgf_engine.options.config import option_fields
 
@@ -33,7 +33,7 @@ def _without_section(name: str) -> str:
     true = {f.name: f.metadata["section"] for f in option_fields()}.get(own)
     if dot and true is not None and section != true:
         raise BadInput(f"Option {own} is in the section '{true}', not '{section}'; give --set {true}.{own}=VALUE.")
-    return own
+    return own if true is not None else name
 
 
 def named_values(flag: str, texts: Sequence[str]) -> dict[str, str]:
@@ -58,10 +58,10 @@ def read_config(path: Path) -> dict[str, Any]:
         BadInput: the file cannot be read or is not a JSON object.
     """
     try:
-        given = json.loads(path.read_text(encoding="utf-8-sig"))  # editors on Windows begin with a mark
+        given = json.loads(path.read_bytes())  # UTF-8, or UTF-16 as PowerShell writes
     except (OSError, ValueError, RecursionError) as error:
         raise BadInput(
-            f"Cannot read the config '{path}' ({error}); give a JSON file of option names and values."
+            f"Cannot read the config '{path}' ({reason(error)}); give a JSON file of option names and values."
         ) from error
     if not isinstance(given, dict):
         raise BadInput(f"The config '{path}' must be a JSON object of option names and values.")

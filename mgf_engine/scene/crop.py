@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.model.scene import Scene, Similarity
 
 _HOW = "give 6 numbers (lowest x y z, highest x y z), 16 (the matrix from the cube -1..1, row by row), or a file"
@@ -86,7 +86,7 @@ def read_crop_box(text: str) -> str:
         try:
             text = Path(text).read_text(encoding="utf-8-sig")  # editors on Windows begin with a mark
         except (OSError, ValueError) as error:
-            raise BadInput(f"Cannot read the crop box '{text[:60]}' ({_reason(error)}); {_HOW}.") from error
+            raise BadInput(f"Cannot read the crop box '{text[:60]}' ({reason(error)}); {_HOW}.") from error
     parse_crop_box(text)
     return " ".join(_words(text))
 
@@ -100,10 +100,6 @@ def _is_numbers(text: str) -> bool:
         return bool([float(w) for w in _words(text)])
     except ValueError:
         return False
-
-
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "strerror", None) or error)
 
 
 def _matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:

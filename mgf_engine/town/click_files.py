@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.files.atomic import json_text
 from mgf_engine.town.hulls import BY_HAND
 from mgf_engine.town.plan import CLICKS, Building
@@ -91,9 +91,9 @@ def _automatic(folder: Path, earlier: dict[str, str]) -> set[str]:
 
 def _read_clicks(path: Path) -> dict[str, Any]:
     try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        data = json.loads(path.read_bytes())
         if not isinstance(data, dict):
             raise ValueError("no entries of photos")
         return data
     except (OSError, ValueError, RecursionError) as error:
-        raise BadInput(f"The clicks '{path}' cannot be read ({error}); correct or delete the file.") from error
+        raise BadInput(f"The clicks '{path}' cannot be read ({reason(error)}); correct or delete the file.") from error

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 
 #: The packages that maps and many jobs need.
 TOWN = "pip install 'mgf-engine[town]'"
@@ -72,9 +72,9 @@ def _json(path: Path) -> dict[str, Any]:
     if path.stat().st_size > _LARGEST_JSON:
         raise BadInput(f"'{path}' is larger than {_LARGEST_JSON >> 20} MB; save the footprints as GeoPackage.")
     try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        data = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError) as error:
-        raise BadInput(f"The footprints '{path}' cannot be read ({error}); export them again.") from error
+        raise BadInput(f"The footprints '{path}' cannot be read ({reason(error)}); export them again.") from error
     if not isinstance(data, dict):
         raise BadInput(f"'{path}' is JSON, but neither GeoJSON nor CityJSON; export the footprints again.")
     return data
@@ -91,7 +91,8 @@ def _read_with_gdal(path: Path, layer: str) -> tuple[list[str], list[Any], str |
         meta, fids, wkb, columns = pyogrio.raw.read(path, layer=name, return_fids=True, force_2d=True)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise BadInput(
-            f"The footprints '{path}' cannot be read ({error}); give GeoJSON, GeoPackage, Shapefile or CityJSON."
+            f"The footprints '{path}' cannot be read ({reason(error)}); give GeoJSON, GeoPackage, Shapefile "
+            "or CityJSON."
         ) from error
     shapes = list(shapely.from_wkb(wkb, on_invalid="ignore")) if wkb is not None else []
     fields = [str(field).lower() for field in meta["fields"]]

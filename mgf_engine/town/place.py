@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.georef.crs import AUTO, normalise_crs, proj
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS
@@ -190,7 +190,8 @@ def read_pairs(path: Path) -> Array:
             raise ValueError("a number is not finite")
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise BadInput(
-            f"The point pairs '{path}' cannot be read ({error}); give a CSV with the columns {', '.join(_PAIRS)}."
+            f"The point pairs '{path}' cannot be read ({reason(error)}); give a CSV with the columns "
+            f"{', '.join(_PAIRS)}."
         ) from error
     if len(pairs) < 3 or straightness(pairs[:, 3:]) < LINE or straightness(pairs[:, :3]) < LINE:
         raise BadInput(f"'{path}' needs three point pairs or more that do not lie on a line; add some.")

@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, reason
 from mgf_engine.files.atomic import json_text
 from mgf_engine.georef.model import Georeference, write_georeference
 from mgf_engine.jobs.estimate import PhotoSummary, estimate
@@ -191,4 +191,4 @@ def read_plan(out: Path) -> dict[str, Any]:
             raise ValueError("it was written by another version of MGF")
         return dict(data)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"'{out / FILE}' cannot be used ({error}); run 'mgf buildings' again.") from error
+        raise BadInput(f"'{out / FILE}' cannot be used ({reason(error)}); run 'mgf buildings' again.") from error

@@ -53,10 +53,18 @@ def _flags_in_help(parser: Parser) -> str:
     [
         ([], "Error: The following arguments are required: COMMAND; 'mgf --help' lists all."),
         (["reconstruct", "scene"], "are required: --out; 'mgf reconstruct --help' lists all."),
-        (["town", "scene", "--out", "town", "--cores", "all"], "invalid int value: 'all'"),
+        (["town", "scene", "--out", "town", "--cores", "all"], "Argument --cores takes a whole number, not 'all'"),
         (
             ["rekonstruct"],
             "Error: There is no command 'rekonstruct'; did you mean reconstruct? 'mgf --help' lists all.",
+        ),
+        (
+            ["clean", "job", "last"],
+            "Error: Argument RUN takes a whole number, not 'last'; 'mgf clean --help' lists all.",
+        ),
+        (
+            ["evaluate", "--reach", "far"],
+            "Argument --reach takes a number, not 'far'; 'mgf evaluate --help' lists all.",
         ),
         (["xyzzy"], "no command 'xyzzy'; 'mgf --help' lists all."),
     ],

@@ -225,3 +225,10 @@ def test_options_are_data_for_other_programs(capsys) -> None:
     assert main(["options", "--json"]) == 0
     schema = json.loads(capsys.readouterr().out)
     assert {o["name"] for o in schema["options"]} >= {"preset", "iterations", "use_masks"}
+
+
+@pytest.mark.parametrize("command", ["drawings", "models", "georef", "clean"])
+def test_a_folder_without_a_job_is_left_as_it_was(tmp_path: Path, capsys, command: str) -> None:
+    assert main([command, str(tmp_path)]) == 2
+    assert "holds no job" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

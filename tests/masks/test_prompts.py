@@ -178,6 +178,13 @@ def test_missing_and_binary_files(tmp_path: Path, scene: Scene):
         read_prompts(path, scene)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le"])
+def test_files_of_windows_editors_and_of_powershell_are_read(tmp_path: Path, scene: Scene, encoding: str):
+    path = tmp_path / "prompts.json"
+    path.write_text('{"west/Tür 2.jpg": {"positive": [[20, 10]]}}', encoding=encoding)
+    assert read_prompts(path, scene)[2].positive.tolist() == [[10, 5]]
+
+
 def test_a_file_far_too_large_for_clicks_is_refused_unread(tmp_path: Path, scene: Scene):
     path = tmp_path / "video.mp4"
     with path.open("wb") as file:

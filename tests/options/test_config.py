@@ -64,8 +64,15 @@ def test_long_values_are_shown_in_part() -> None:
 
 def test_config_files_of_windows_editors_are_read(tmp_path) -> None:
     path = tmp_path / "c.json"
-    path.write_bytes(b'\xef\xbb\xbf{"iterations": 5}')
-    assert read_config(path) == {"iterations": 5}
+    for encoding in ("utf-8-sig", "utf-16"):  # UTF-16 is what PowerShell writes
+        path.write_text('{"iterations": 5}', encoding=encoding)
+        assert read_config(path) == {"iterations": 5}
+
+
+def test_a_folder_in_place_of_a_config_file_is_said_without_numbers_of_the_system(tmp_path) -> None:
+    with pytest.raises(BadInput) as caught:
+        read_config(tmp_path)
+    assert "Errno" not in str(caught.value) and str(caught.value).count(str(tmp_path)) == 1
 
 
 def test_text_values_are_converted() -> None:
@@ -137,3 +144,8 @@ def test_options_may_be_set_with_their_section() -> None:
         option_pairs(["field.max_faces=5"])
     with pytest.raises(BadInput, match="Unknown option"):
         make_config(option_pairs(["mesh.colour=5"]))
+
+
+def test_an_unknown_option_is_named_as_it_was_given() -> None:
+    with pytest.raises(BadInput, match=r"'photometic\.radius'"):
+        make_config(option_pairs(["photometic.radius=3"]))
