@@ -45,7 +45,12 @@ def report(weights: Path | None = None) -> int:
 
     Args:
         weights: folder with the EfficientSAM weights; None is the user's cache folder.
+
+    Raises:
+        BadInput: there is no such folder.
     """
+    if weights is not None and not weights.is_dir():
+        raise BadInput(f"'{weights}' is not a folder; give the folder of the weights.")
     print(f"mgf {__version__}")
     found = versions()
     for name, version in found.items():

@@ -71,7 +71,9 @@ class PromptsFile:
                 raise BadInput(f"'{path}' has {size} MB, too much for clicks; give the prompts file.")
             return cls(path, path.read_bytes())
         except OSError as error:
-            raise BadInput(f"Cannot read the prompts file '{path}' ({error.strerror or error}).") from error
+            raise BadInput(
+                f"Cannot read the prompts file '{path}' ({error.strerror or error}); check the path."
+            ) from error
 
     def digest(self) -> str:
         """Return a hash of the content."""

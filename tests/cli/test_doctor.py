@@ -19,6 +19,11 @@ def test_doctor_names_versions_and_the_kernel_variant(capsys) -> None:
     assert "Everything a job needs is here." in said
 
 
+def test_doctor_refuses_a_folder_of_weights_that_is_none(tmp_path: Path, capsys) -> None:
+    assert main(["doctor", "--weights", str(tmp_path / "none")]) == 2
+    assert "is not a folder; give the folder of the weights." in capsys.readouterr().err
+
+
 def test_doctor_lists_each_extra_and_how_to_get_it(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setattr(doctor, "is_installed", lambda module: module not in ("ezdxf", "pxr", "snakemake"))
     assert main(["doctor", "--weights", str(tmp_path)]) == 0  # a job needs none of them

@@ -170,7 +170,7 @@ def test_clicks_on_a_damaged_photo_pass_before_there_is_a_scene(tmp_path: Path):
 
 
 def test_missing_and_binary_files(tmp_path: Path, scene: Scene):
-    with pytest.raises(BadInput, match="Cannot read"):
+    with pytest.raises(BadInput, match=r"Cannot read .*; check the path"):
         read_prompts(tmp_path / "none.json", scene)
     path = tmp_path / "binary.json"
     path.write_bytes(b"\xff\xfe\x00\x80\x81")
