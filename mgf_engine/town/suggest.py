@@ -63,8 +63,11 @@ def _suggest(args: argparse.Namespace, user_options: dict[str, Any], reporter: R
     """Suggest the clicks, write them and the sheet, and report them.
 
     Raises:
-        BadInput: as the scene stage and :func:`suggest_for_one`; earlier clicks are then still there.
+        BadInput: ``--point`` is no place, or as the scene stage and :func:`suggest_for_one`; earlier clicks are then
+            still there.
     """
+    if args.point is not None and not np.isfinite(args.point).all():
+        raise BadInput("--point takes three finite numbers, X Y Z in the coordinates of the scene.")
     from mgf_engine.town.plan import SCENE, shared_scene
 
     every = {**user_options, "max_photos": 0}  # a job of its own keeps the photos that it was told to use

@@ -227,6 +227,13 @@ def test_options_are_data_for_other_programs(capsys) -> None:
     assert {o["name"] for o in schema["options"]} >= {"preset", "iterations", "use_masks"}
 
 
+def test_a_point_that_is_no_place_is_refused_before_any_work(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    assert main(["suggest-clicks", str(tmp_path), "--out", str(out), "--point", "nan", "0", "0"]) == 2
+    assert "--point takes three finite numbers" in capsys.readouterr().err
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("command", ["drawings", "models", "georef", "clean"])
 def test_a_folder_without_a_job_is_left_as_it_was(tmp_path: Path, capsys, command: str) -> None:
     assert main([command, str(tmp_path)]) == 2
