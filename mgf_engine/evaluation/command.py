@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -104,7 +106,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.truth is None and args.leave_out:
         raise BadInput("--leave-out compares with a true mesh; give --truth MESH, too.")
     if args.json is not None and args.json.is_dir():  # before minutes of work
-        raise BadInput(f"Cannot write the figures '{args.json}' (it is a folder); give another place.")
+        raise BadInput(f"Cannot write the figures '{args.json}' ({os.strerror(errno.EISDIR)}); give another place.")
     if args.reach is not None and not 0 < args.reach < float("inf"):
         raise BadInput(f"--reach takes a distance above 0, not {args.reach:g}.")
     if not 1 <= args.photo_size <= 100_000:

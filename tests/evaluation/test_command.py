@@ -97,7 +97,7 @@ def test_evaluate_measures_a_job_in_the_coordinates_of_its_photos(tmp_path: Path
 def test_evaluate_refuses_a_folder_for_its_figures_before_it_measures(tmp_path: Path, triangle: str, capsys) -> None:
     assert main(["evaluate", triangle, "--truth", triangle, "--samples", "100", "--json", str(tmp_path)]) == 2
     said = capsys.readouterr()
-    assert "is a folder" in said.err and said.out == ""
+    assert "Cannot write the figures" in said.err and said.out == ""
 
 
 def test_evaluate_writes_its_figures_where_no_folder_is_yet(tmp_path: Path, triangle: str) -> None:
