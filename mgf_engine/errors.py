@@ -23,17 +23,25 @@ _NO_MEMORY = re.compile(
 )  # fmt: skip
 
 
-class BadInput(Exception):
-    """Input of the user cannot be used.
+class _OneSentence(Exception):
+    """Its message is one sentence that says what is wrong and what to do; it is shown without a traceback, and the
+    process ends with :data:`EXIT_BAD_INPUT`.
 
-    The message is one sentence that says what is wrong and what to do; it is shown without a traceback, and the process
-    ends with :data:`EXIT_BAD_INPUT`. It is reduced to one line of printable text: names read from files may contain
-    line ends, terminal codes or invalid characters.
+    The message is reduced to one line of printable text: names read from files may contain line ends, terminal codes or
+    invalid characters.
     """
 
     def __init__(self, text: str) -> None:
         clean = text.encode("utf-8", "backslashreplace").decode("utf-8")
         super().__init__(re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+", " ", clean))
+
+
+class BadInput(_OneSentence):
+    """Input of the user cannot be used."""
+
+
+class BadInstallation(_OneSentence):
+    """The installation lacks what nothing can replace; what is done instead where input is bad is not done."""
 
 
 class Cancelled(Exception):
@@ -94,7 +102,7 @@ def explain(
         place: folder that was written to, for errors that name no file.
     """
     again = again or ("run again with --resume" if resumable else "run again")
-    if isinstance(error, BadInput):
+    if isinstance(error, _OneSentence):
         return EXIT_BAD_INPUT, str(error)
     if isinstance(error, Cancelled | KeyboardInterrupt):
         return EXIT_CANCELLED, str(error) or f"Cancelled; {again} to continue."

@@ -20,7 +20,7 @@ from mgf_engine.cli.arguments import parse_arguments
 from mgf_engine.cli.option_list import algorithms_text, options_text
 from mgf_engine.console.commands import send_failed, watch_for_cancel
 from mgf_engine.console.terminal import drop_output, make_sink, prepare_streams
-from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, BadInstallation, explain
 from mgf_engine.jobs.job_folder import remove_refused
 from mgf_engine.messages import Reporter
 from mgf_engine.options.algorithms import algorithms_schema
@@ -118,7 +118,7 @@ def _job_command(args: argparse.Namespace) -> int:
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
         code = _fail(reporter, error, args.out, log_path)
-        if new and isinstance(error, BadInput):
+        if new and isinstance(error, BadInput | BadInstallation):
             # The message says everything, so no log is needed; unlike for a full disk.
             _close_log()
             remove_refused(args.out)

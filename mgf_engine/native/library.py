@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInstallation
 from mgf_engine.native.build import TARGETS, VARIANTS, host_target, library_path
 from mgf_engine.system.machine import cores, release_memory
 
@@ -48,7 +48,7 @@ _current: ctypes.CDLL | None = None
 _current_variant = ""
 
 
-class NoKernels(BadInput, RuntimeError):
+class NoKernels(BadInstallation, RuntimeError):
     """The kernels cannot be used here as they are; the sentence says what to do."""
 
 
