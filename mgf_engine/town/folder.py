@@ -37,7 +37,6 @@ def town_folder(folder: Path, source: Path) -> Iterator[None]:
         yield
     except BadInput:
         if new:
-            remove_refused(folder / SCENE)
             remove_refused(folder)
         raise
 

@@ -12,7 +12,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from mgf_engine.errors import BadInput
 from mgf_engine.jobs.job import Job
+from mgf_engine.jobs.job_folder import remove_refused
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
@@ -108,7 +110,7 @@ class Plan:
 
 
 def shared_scene(source: Path, folder: Path, user_options: dict[str, Any], reporter: Reporter) -> tuple[Job, Scene]:
-    """Run the scene stage of all photos, once in a job folder; the job is closed again.
+    """Run the scene stage of all photos, once in a job folder; the job is closed again, and removed if it was refused.
 
     Args:
         source: folder of the user's scene.
@@ -122,9 +124,15 @@ def shared_scene(source: Path, folder: Path, user_options: dict[str, Any], repor
     from mgf_engine.jobs.results import load_scene_of
     from mgf_engine.pipeline import run_job
 
-    with Job.start(folder, source, user_options=user_options, resume=(folder / "job.json").exists()) as job:
-        run_job(job, reporter, until="scene")
-        return job, load_scene_of(job)
+    new = not folder.exists()
+    try:
+        with Job.start(folder, source, user_options=user_options, resume=(folder / "job.json").exists()) as job:
+            run_job(job, reporter, until="scene")
+            return job, load_scene_of(job)
+    except BadInput:
+        if new:
+            remove_refused(folder)
+        raise
 
 
 def make_plan(

@@ -19,6 +19,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.files.atomic import json_text
 from mgf_engine.files.images import write_picture
 from mgf_engine.georef.model import Georeference
+from mgf_engine.jobs.job_folder import remove_refused
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.config import Config
@@ -72,7 +73,13 @@ def _suggest(args: argparse.Namespace, user_options: dict[str, Any], reporter: R
 
     every = {**user_options, "max_photos": 0}  # a job of its own keeps the photos that it was told to use
     where = (args.out / SCENE, every) if args.job is None else (args.job, user_options)
-    job, scene = shared_scene(args.scene, *where, reporter)
+    new = not args.out.exists()
+    try:
+        job, scene = shared_scene(args.scene, *where, reporter)
+    except BadInput:
+        if new:
+            remove_refused(args.out)
+        raise
     reporter.stages = (*reporter.stages, STAGE)
     reporter.stage(STAGE)
     clicks, place = suggest_for_one(scene, job.config, args.point, reporter)

@@ -234,6 +234,13 @@ def test_a_point_that_is_no_place_is_refused_before_any_work(tmp_path: Path, cap
     assert not out.exists()
 
 
+def test_suggested_clicks_of_no_scene_leave_nothing(tmp_path: Path, capsys) -> None:
+    (tmp_path / "empty").mkdir()
+    assert main(["suggest-clicks", str(tmp_path / "empty"), "--out", str(tmp_path / "out")]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("command", ["drawings", "models", "georef", "clean"])
 def test_a_folder_without_a_job_is_left_as_it_was(tmp_path: Path, capsys, command: str) -> None:
     assert main([command, str(tmp_path)]) == 2
