@@ -8,6 +8,7 @@ The empty is kept, with whatever scale and orientation the user gave it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import bpy
 import numpy as np
@@ -191,7 +192,7 @@ def hide(obj: bpy.types.Object, hidden: bool = True) -> None:
     """Hide or show an object in the viewports of every view layer that has it."""
     for scene in obj.users_scene:
         for layer in scene.view_layers:
-            if obj.name in layer.objects:
+            with suppress(RuntimeError):  # not in the layer, whose own list can still name what was just moved
                 obj.hide_set(hidden, view_layer=layer)
 
 

@@ -161,6 +161,14 @@ def test_no_level_covers_what_the_camera_shows(finished, kind):
     assert all(o.hide_get() for o in levels_of(tree)) and tree.objects("Mesh")[0].hide_get() == (kind != "MESH")
 
 
+def test_levels_come_into_a_collection_that_is_excluded(finished):
+    bpy.ops.mgf.make_models()
+    for child in bpy.context.view_layer.layer_collection.children:
+        child.exclude = True
+    assert bpy.ops.mgf.import_lods() == {"FINISHED"}
+    assert len(levels_of(Tree.find(bpy.context.scene))) == len(SIZES)
+
+
 def test_importing_again_leaves_nothing_behind(finished):
     bpy.ops.mgf.make_models()
     bpy.ops.mgf.import_lods()
