@@ -148,6 +148,7 @@ class MGF_OT_use_in_reconstruction(Operator):
         values.crs, values.marks = state.crs.strip(), str(marks)
         values.control = bpy.path.abspath(state.control_file)
         values.scale_bars = bpy.path.abspath(state.scale_bars)
+        values.control_adjust = True
         self.report({"INFO"}, tr("The next reconstruction adjusts the cameras to the points"))
 
 

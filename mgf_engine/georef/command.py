@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from mgf_engine.georef.apply import apply_to_finished
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
 from mgf_engine.georef.find import GeoreferenceFit
+from mgf_engine.georef.fit_control import ControlRow
 from mgf_engine.georef.model import FILE
 from mgf_engine.georef.report import facts, rms_figures
 from mgf_engine.jobs.job import Job
@@ -67,8 +69,9 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
     earlier = read_job(args.job)
     earlier_options = known_options(earlier["given"], reporter.warning)
     try:
-        job, kept = _open(args.job, user_options, earlier_options)
-        if kept and cameras_adjusted(earlier):
+        adjusted = cameras_adjusted(earlier)
+        job, kept = _open(args.job, user_options, earlier_options, adjusted)
+        if kept and adjusted:
             reporter.warning(
                 "Control points moved the cameras of this job when its scene was made; a check point of today that was "
                 "among them checks nothing."
@@ -85,7 +88,8 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
         return
     _print(fit)
     if kept:
-        print("The cameras stayed as they are; 'mgf reconstruct --resume' with these points adjusts them as well.")
+        flags = "--resume" if adjusted else "--resume --control-adjust"
+        print(f"The cameras stayed as they are; 'mgf reconstruct {flags}' adjusts them to these points as well.")
     models = f" and {args.job / FOLDER}" if fit.georeference.metric else ""
     print(f"Written to {args.job / FILE}{models}")
 
@@ -104,18 +108,23 @@ def read_options(args: argparse.Namespace) -> dict[str, Any]:
     return {**user_options, **flags}
 
 
-def _open(folder: Path, user_options: dict[str, Any], earlier_options: dict[str, Any]) -> tuple[Job, bool]:
+def _open(
+    folder: Path, user_options: dict[str, Any], earlier_options: dict[str, Any], adjusted: bool
+) -> tuple[Job, bool]:
     """Return the job with new options, and whether control points would have moved its cameras, which are left
-    alone.
+    alone: the next run adjusts those that others moved before, and keeps those that none did.
 
     Args:
         folder: of the job.
         user_options: new options.
         earlier_options: options that the job was made with.
+        adjusted: control points moved its cameras.
     """
     job = Job.start(folder, user_options=user_options, resume=True, earlier_options=earlier_options)
     if job.done("scene") or not job.adjusts_to_control:
         return job, False
+    if adjusted:
+        return job, True
     job.close()
     return Job.start(
         folder, user_options={**user_options, "control_adjust": False}, resume=True, earlier_options=earlier_options
@@ -135,15 +144,20 @@ def _print(fit: GeoreferenceFit) -> None:
     for role in (CONTROL, CHECK):
         rows = [] if fit.control is None else [r for r in fit.control.rows if r.point.role == role]
         for row in rows:
-            east, north, height = (1000 * value for value in row.residual)
-            note = f"  {row.note}" if row.note else ""
-            print(
-                f"  {role:<8} {row.point.name:<12} east {east:+8.1f}  north {north:+8.1f}  height {height:+8.1f} mm  "
-                f"marks {row.pixels:.2f} px in {row.photos} photos{note}"
-            )
+            said = (f"{role:<8} {row.point.name:<12}", *_residual(row), row.note)
+            print("  " + "  ".join(part for part in said if part).rstrip())
     for bar in fit.bars:
         print(
             f"  bar {bar.bar.name}: given {bar.bar.length:.4f} m, found {bar.found:.4f} m ({1000 * bar.error:+.1f} mm)"
         )
     for text in fit.notes:
         print(text)
+
+
+def _residual(row: ControlRow) -> tuple[str, ...]:
+    """Return a point's residual and that of its marks; nothing where it could not be placed."""
+    if not math.isfinite(row.distance):
+        return ()
+    east, north, height = (1000 * value for value in row.residual)
+    residual = f"east {east:+8.1f}  north {north:+8.1f}  height {height:+8.1f} mm"
+    return residual, f"marks {row.pixels:.2f} px in {row.photos} photos"

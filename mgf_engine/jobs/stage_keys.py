@@ -19,6 +19,8 @@ from mgf_engine.stages import STAGES, Stage
 
 #: Options that name a table of the survey.
 TABLES = ("control", "marks", "scale_bars")
+#: Those that the cameras are adjusted to; scale bars only measure.
+_MOVING_CAMERAS = ("control", "marks")
 #: Options that name files; keys depend on the content of these, not on their path.
 _BY_CONTENT = ("weights", *TABLES)
 
@@ -70,7 +72,9 @@ def _leaves_photos_out(config: Config, inputs: Inputs) -> bool:
 def _photos(config: Config, inputs: Inputs) -> list[Any]:
     # max_photos leaves photos out, but never those with clicks: then the names of these matter, too.
     found = [inputs.scene, clicked_names(inputs.clicks) if _leaves_photos_out(config, inputs) else None]
-    return [*found, inputs.tables] if adjusts_to_control(config) else found
+    if not adjusts_to_control(config):
+        return found
+    return [*found, {name: digest for name, digest in inputs.tables.items() if name in _MOVING_CAMERAS}]
 
 
 def _prompts_or_masks(config: Config, inputs: Inputs) -> Any:

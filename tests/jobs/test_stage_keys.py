@@ -63,3 +63,11 @@ def test_control_points_count_in_the_scene_only_where_they_move_cameras() -> Non
     assert adjusts_to_control(make_config(moving)) and not adjusts_to_control(make_config(fixed))
     assert changed(moving, survey, moving) == list(STAGE_NAMES)
     assert changed(fixed, survey, fixed) == ["deliver"]
+
+
+def test_scale_bars_move_no_cameras() -> None:
+    moving, bars = {"control": "p.csv"}, {"control": "p.csv", "scale_bars": "b.csv"}
+    points = replace(INPUTS, tables={"control": "hash"})
+    keys = stage_keys(make_config(moving), points)
+    more = stage_keys(make_config(bars), replace(INPUTS, tables={"control": "hash", "scale_bars": "hash"}))
+    assert [name for name in STAGE_NAMES if keys[name] != more[name]] == ["deliver"]

@@ -14,8 +14,9 @@ import pytest
 import trimesh
 from support.house_jobs import OPTIONS, copy_until, f1
 from support.jobs import run_here
+from support.survey import write_survey
 
-from benchmarks.synthetic.house import OFFSET, House, ring_view
+from benchmarks.synthetic.house import House
 from mgf_engine.cli.main import main
 from mgf_engine.stages import STAGE_NAMES
 
@@ -32,29 +33,8 @@ def test_each_stage_ends_with_a_line_to_read(stage: str, finished, capsys) -> No
     assert code == 0 and "\nDone. " in said, said
 
 
-def _write_survey(folder: Path, house: House) -> np.ndarray:
-    """Control and check points on the house's corners, and their marks; returns the true similarity [4, 4]."""
-    origin, angle = np.array([691_234.0, 5_334_876.0, 519.0]), np.radians(30.0)
-    true = np.eye(4)
-    true[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    true[:3, :3] *= 2.5
-    true[:3, 3] = origin - true[:3, :3] @ OFFSET
-    points, marks = ["name,east,north,height,accuracy,role"], ["name,photo,x,y"]
-    for name, corner in zip(("P1", "P2", "P3", "P4", "P5", "C1", "C2"), (0, 1, 2, 7, 8, 9, 4), strict=True):
-        at = house.mesh.vertices[corner]
-        east, north, height = true[:3, :3] @ at + true[:3, 3]
-        role = "check" if name[0] == "C" else "control"
-        points.append(f"{name},{east:.5f},{north:.5f},{height:.5f},0.01,{role}")
-        for view in (ring_view(k, 14) for k in range(0, 14, 2)):
-            x, y = view.project(at[None])[0][0]
-            marks.append(f"{name},{view.name},{x:.3f},{y:.3f}")
-    (folder / "points.csv").write_text("\n".join(points))
-    (folder / "marks.csv").write_text("\n".join(marks))
-    return true
-
-
 def test_georef_gives_a_finished_job_true_coordinates(house: House, finished, tmp_path: Path, capsys) -> None:
-    job, true = Path(shutil.copytree(finished[0], tmp_path / "job")), _write_survey(tmp_path, house)
+    job, true = Path(shutil.copytree(finished[0], tmp_path / "job")), write_survey(tmp_path, house)
     before = (job / "mesh.ply").read_bytes()
     given = ("--crs", "EPSG:25832", "--control", tmp_path / "points.csv", "--marks", tmp_path / "marks.csv")
     code, messages = run_here(capsys, "georef", job, *given)

@@ -233,8 +233,10 @@ def test_the_next_reconstruction_gets_points_and_marks(finished, house):
         bpy.ops.mgf.use_in_reconstruction()
     set_mark(bpy.context.scene, "P1", finished.photos[0].name, (1, 2))
     finished.georef.crs = "EPSG:25832"
+    finished.options.control_adjust = False  # as 'mgf georef' leaves it in a job whose cameras it keeps
     assert "Use in Reconstruction" in draw(MGF_PT_georef).said
     bpy.ops.mgf.use_in_reconstruction()
+    assert finished.options.control_adjust
     finished.photos[0].clicks.add().uv = (100.5, 80.25)
     bpy.ops.mgf.reconstruct()
     line = arguments(house)
