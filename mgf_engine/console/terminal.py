@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import os
 import sys
 import threading
@@ -46,8 +47,8 @@ def make_sink(style: str) -> Sink:
 
 
 def format_duration(seconds: float | None) -> str:
-    """Return seconds as people say them: ``42 s``, ``3 min 20 s``, ``1 h 5 min``; ``?`` for None."""
-    if seconds is None:
+    """Return seconds as people say them: ``42 s``, ``3 min 20 s``, ``1 h 5 min``; ``?`` where they are unknown."""
+    if seconds is None or not math.isfinite(seconds):
         return "?"
     whole = round(seconds)
     if whole < 60:
@@ -161,12 +162,17 @@ class _Bar:
 
 
 def _figures(message: Message) -> list[str]:
-    """Return the numbers and texts among the figures of a message as people read them; lists and parts are left out."""
+    """Return the numbers and texts among the figures of a message as people read them; what is unknown (None, NaN),
+    lists and parts are left out."""
     said = []
     for key, value in message["figures"].items():
         name = key.replace("_", " ")
-        if isinstance(value, str):
+        if isinstance(value, bool):
+            said.append(f"{name}: {'yes' if value else 'no'}")
+        elif isinstance(value, str):
             said.append(f"{name}: {value}")
-        elif isinstance(value, int | float):
+        elif isinstance(value, int):
             said.append(f"{name} {value:,}")
+        elif isinstance(value, float) and math.isfinite(value):
+            said.append(f"{name} {value:,.10g}")
     return said

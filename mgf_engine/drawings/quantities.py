@@ -50,6 +50,7 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
     """
     small = small_unit(survey)
     unit, wall = survey.unit, survey.areas[facade.wall].sum()
+    tilt_unit = f"{small} per {unit}" if survey.georeference.metric else "1/1000"
     facing = (survey.normals @ facade.frame.normal > 0.7) & (np.abs(survey.normals[:, 2]) < 0.5)
     all_walls = float(survey.areas[facing].sum())
     known = deviation[np.isfinite(deviation)]
@@ -58,13 +59,13 @@ def wall_rows(survey: Survey, facade: Facade, deviation: NDArray[np.float32], pa
         (facade.name, "height", f"{facade.frame.size[1]:.3f}", unit),
         (facade.name, "area of all walls facing it", f"{all_walls:.2f}", f"{unit}2"),
         (facade.name, "area of its largest plane", f"{wall:.2f}", f"{unit}2"),
-        (facade.name, "tilt outwards", f"{1000 * np.tan(np.radians(facade.tilt)):.1f}", f"{small} per {unit}"),
+        (facade.name, "tilt outwards", f"{1000 * np.tan(np.radians(facade.tilt)):z.1f}", tilt_unit),
     ]
     if len(known):
         rows.append((facade.name, "deviation from the plane, RMS", f"{1000 * np.sqrt((known**2).mean()):.1f}", small))
         low, high = (1000 * float(np.percentile(known, p)) for p in (1, 99))
-        rows.append((facade.name, "deviation, 1st percentile", f"{low:.1f}", small))
-        rows.append((facade.name, "deviation, 99th percentile", f"{high:.1f}", small))
+        rows.append((facade.name, "deviation, 1st percentile", f"{low:z.1f}", small))
+        rows.append((facade.name, "deviation, 99th percentile", f"{high:z.1f}", small))
     for layer in sorted({line.layer for line in parts}):
         area = sum(Polygon(line.points).area for line in parts if line.layer == layer)
         name = layer_name(layer)

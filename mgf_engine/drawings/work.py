@@ -72,4 +72,4 @@ class Work(Deliverables):
         names = {"eaves of the largest roof plane over the ground", "ridge over the ground"}
         heights = [self.ground.height + float(v) for _, quantity, v, _ in self.building if quantity in names]
         heights = [*heights, float(z.max())]
-        return [(bottom, "\u00b10.00"), *((height, f"+{height - bottom:.2f}") for height in heights)]
+        return [(bottom, "\u00b10.00"), *((height, f"{height - bottom:+.2f}") for height in heights)]

@@ -61,6 +61,14 @@ def test_an_even_wall_deviates_nowhere(drawings: Path, rows: dict[tuple[str, str
     assert float(rows["A", "deviation from the plane, RMS"]) == pytest.approx(0.0, abs=0.1)
 
 
+def test_a_plumb_wall_has_no_sign_and_its_tilt_a_unit(drawings: Path) -> None:
+    """The house has no true lengths: a thousandth of its unit to a unit is a thousandth."""
+    with open(drawings / "quantities.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert not [row for row in rows if row["value"].startswith("-") and float(row["value"]) == 0]
+    assert {row["unit"] for row in rows if row["quantity"] == "tilt outwards"} == {"1/1000"}
+
+
 def test_the_scale_of_colors_names_its_unit() -> None:
     deviation = np.full((100, 300), 0.012, np.float32)
     metric, units = deviation_picture(deviation), deviation_picture(deviation, "1/1000 units")
