@@ -148,7 +148,7 @@ def _print(fit: GeoreferenceFit) -> None:
             print("  " + "  ".join(part for part in said if part).rstrip())
     for bar in fit.bars:
         print(
-            f"  bar {bar.bar.name}: given {bar.bar.length:.4f} m, found {bar.found:.4f} m ({1000 * bar.error:+.1f} mm)"
+            f"  bar {bar.bar.name}: given {bar.bar.length:.4f} m, found {bar.found:.4f} m ({1000 * bar.error:+z.1f} mm)"
         )
     for text in fit.notes:
         print(text)

@@ -196,7 +196,8 @@ def _without_control(
                 "docs/georeferencing.md) would."
             )
     if projection is not None:
-        why = reason or "the photos have no GPS"
+        none = "--gps off leaves the GPS of the photos aside" if options.gps == "off" else "the photos have no GPS"
+        why = reason or none
         raise BadInput(f"Nothing tells where the building is ({why}); {projection.name} needs GPS or control points.")
     return GeoreferenceFit(_upright(scene, up), up)
 

@@ -80,3 +80,10 @@ def test_scale_bars_leave_adjusted_cameras_as_they_are(surveyed: Path, capsys: p
     assert json.loads((surveyed / "job.json").read_text())["config"]["control_adjust"] is True
     with Job.start(surveyed, resume=True) as job:
         assert job.done("scene") and job.done("deliver")
+
+
+def test_a_bar_that_gives_the_scale_is_off_by_nothing(surveyed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for length in ("7.3", "28.6", "0.7", "12.9", "3.1"):  # rounding makes some of them a hair too short
+        (surveyed.parent / "bars.csv").write_text(f"from,to,metres\nP1,P2,{length}\n")
+        said = georef(surveyed, capsys, "--control=", f"--scale-bars={surveyed.parent / 'bars.csv'}")
+        assert "bar P1" in said and "(+0.0 mm)" in said
