@@ -30,7 +30,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from mgf_engine.errors import Cancelled
 from mgf_engine.files.atomic import json_text
@@ -47,6 +47,14 @@ Message = dict[str, Any]
 Sink = Callable[[Message], None]
 
 log = logging.getLogger("mgf")
+
+
+@runtime_checkable
+class Closable(Protocol):
+    """A sink that shows something until it is closed; it may be closed twice."""
+
+    def close(self) -> None:
+        """End it."""
 
 
 def encode(message: Message, encoding: str = "utf-8") -> str:
@@ -82,6 +90,13 @@ class Reporter:
         message: Message = {"v": SCHEMA_VERSION, "type": type, "time": round(time.time(), 3), **fields}
         for sink in self.sinks:
             sink(message)
+
+    def close(self) -> None:
+        """End what sinks show while work runs, such as a bar on the terminal: before other lines are printed, and
+        however the work ended."""
+        for sink in self.sinks:
+            if isinstance(sink, Closable):
+                sink.close()
 
     def expect(self, seconds: dict[str, float]) -> None:
         """Set the expected seconds of the remaining stages, for the time left and the overall progress bar."""

@@ -32,8 +32,14 @@ log = logging.getLogger("mgf")
 _LEAST_CPU_SECONDS = 30.0
 
 
-def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
+def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1], *, suggest: bool = True) -> None:
     """Run the stages up to and including ``until``; stages that are done already are skipped.
+
+    Args:
+        job: opened.
+        reporter: for progress, warnings and the result.
+        until: name of the last stage.
+        suggest: name photos worth clicking where the scene was read without clicks or masks.
 
     Raises:
         BadInput, Cancelled: see :mod:`mgf_engine.errors`.
@@ -46,13 +52,19 @@ def run_job(job: Job, reporter: Reporter, until: str = STAGE_NAMES[-1]) -> None:
     prepare(job.config, reporter)
     allow(budget_of(job.config.memory), job.folder, strict=bool(job.config.memory))
     try:
-        _run_stages(job, stages, reporter)
+        _run_stages(job, stages, reporter, suggest)
     finally:
         allow(0.0)  # limit and folder are of this job only
 
 
-def _run_stages(job: Job, stages: Sequence[str], reporter: Reporter) -> None:
+def _run_stages(job: Job, stages: Sequence[str], reporter: Reporter, suggest: bool) -> None:
     """Run those of the first stages of a job that are not done, and report the result of the last.
+
+    Args:
+        job: opened.
+        stages: names of the first stages.
+        reporter: for progress, warnings and the result.
+        suggest: name photos worth clicking.
 
     Raises:
         BadInput, Cancelled: see :mod:`mgf_engine.errors`.
@@ -74,7 +86,7 @@ def _run_stages(job: Job, stages: Sequence[str], reporter: Reporter) -> None:
             if name == "masks" and photos is not None:
                 photos = _update_estimate(job, photos, list(stages[place + 1 :]), reporter)
     speed = measure_speed(job, photos) if photos is not None and to_run == list(STAGE_NAMES) else None
-    guide = {"suggested": suggested_photos(job)} if until == "scene" and lacks_clicks else {}
+    guide = {"suggested": suggested_photos(job)} if suggest and until == "scene" and lacks_clicks else {}
     reporter.send(
         "result", path=str(job.folder), files=result_files(job), figures=job.stages[until]["figures"], speed=speed,
         **guide,

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import hashlib
+import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.live_terminal import bar_ended, live_terminal
 
 from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
@@ -177,3 +180,18 @@ def test_a_stick_with_damaged_or_no_files_is_refused_and_nothing_written(
     assert main(["weights", "--from", str(stick), "--model", "vits", "--folder", str(target)]) == 2
     said = capsys.readouterr().err
     assert "vits" in said and "vitt" not in said
+
+
+def test_the_command_ends_its_bar(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    files = [replace(file, place=server.url) for file in WEIGHTS["vitt"]]
+    monkeypatch.setitem(WEIGHTS, "vitt", tuple(files))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    live_terminal(monkeypatch)
+    assert main(["weights", "--folder", str(tmp_path)]) == 0
+    said = capsys.readouterr()
+    assert bar_ended(said.err) and said.out == f"Weights are in {tmp_path}\n"
+    (tmp_path / "encoder.onnx").unlink()
+    server.damage = True
+    assert main(["weights", "--folder", str(tmp_path)]) == 2
+    said = capsys.readouterr()
+    assert bar_ended(said.err) and "arrived damaged" in said.err

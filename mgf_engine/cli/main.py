@@ -225,7 +225,8 @@ def _weights_command(args: argparse.Namespace) -> int:
     reporter = Reporter(make_sink("auto"))
     reporter.stages = ("masks",)
     reporter.stage("masks")
-    folder = download_weights(args.model or "vitt", args.folder, reporter)
+    with contextlib.closing(reporter):
+        folder = download_weights(args.model or "vitt", args.folder, reporter)
     print(f"Weights are in {folder}")
     return EXIT_DONE
 

@@ -73,6 +73,8 @@ def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -
             text = "Cancelled; what was there before is unchanged."
         send_failed(reporter, code, text)
         return code
+    finally:
+        reporter.close()
 
 
 def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None) -> None:

@@ -155,10 +155,14 @@ class _Bar:
                 self._task, completed=message["fraction"], left=left, figures="  ".join(_figures(message))
             )
         elif kind in ("result", "failed"):
-            self._progress.stop()
+            self.close()
         text = None if kind == "stage" else _sentence(message)
         if text is not None:
             self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    def close(self) -> None:
+        """End the bar, which shows the cursor again."""
+        self._progress.stop()
 
 
 def _figures(message: Message) -> list[str]:

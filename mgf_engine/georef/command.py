@@ -86,6 +86,8 @@ def _georef(args: argparse.Namespace, reporter: Reporter) -> None:
     if args.progress == "json":
         reporter.send("result", path=str(args.job), files={FILE: str(args.job / FILE)}, figures=rms_figures(fit))
         return
+    reporter.progress(1.0)
+    reporter.close()
     _print(fit)
     if kept:
         flags = "--resume" if adjusted else "--resume --control-adjust"

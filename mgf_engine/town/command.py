@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from typing import Any
 
@@ -54,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def buildings_command(args: argparse.Namespace, user_options: dict[str, Any]) -> int:
     """Make the plan, write it, and say what was found."""
     with town_folder(args.out, args.scene):
-        plan = plan_town(args, user_options, Reporter(make_sink("auto")))
+        plan = plan_town(args, user_options)
     print(format_plan(plan))
     rows = [row for row in read_plan(args.out)["buildings"] if (args.out / BUILDINGS / row["id"] / ONE).is_file()]
     if rows:
@@ -63,12 +64,17 @@ def buildings_command(args: argparse.Namespace, user_options: dict[str, Any]) ->
     return EXIT_DONE
 
 
-def plan_town(args: argparse.Namespace, user_options: dict[str, Any], reporter: Reporter) -> Plan:
-    """Make the plan on disk from the arguments.
+def plan_town(args: argparse.Namespace, user_options: dict[str, Any]) -> Plan:
+    """Make the plan on disk from the arguments, and show progress on the terminal.
 
     Raises:
         BadInput: what :mod:`mgf_engine.town.plan` and its parts raise, or impossible arguments.
     """
+    with contextlib.closing(Reporter(make_sink("auto"))) as reporter:
+        return _plan_town(args, user_options, reporter)
+
+
+def _plan_town(args: argparse.Namespace, user_options: dict[str, Any], reporter: Reporter) -> Plan:
     from mgf_engine.town.find import find_buildings
     from mgf_engine.town.footprints import read_footprints
     from mgf_engine.town.map import draw_map
@@ -91,7 +97,10 @@ def plan_town(args: argparse.Namespace, user_options: dict[str, Any], reporter: 
         placed = place_footprints(
             footprints, scene, make_config(user_options), args.footprints_crs, args.pairs, reporter.warning
         )
-    plan = make_plan(scene, placed, footprints, args.photos_per_building, _say, job.config.algorithm(PlanOptions))
+    try:
+        plan = make_plan(scene, placed, footprints, args.photos_per_building, _say, job.config.algorithm(PlanOptions))
+    finally:
+        _say("")
     plan = write_plan(plan, job, args.out, user_options, footprints, args.photos_per_building, args.clicks)
     outlines = [(b.hull.id, b.hull.state, b.hull.polygon) for b in plan.buildings]
     draw_map(args.out / "map.png", scene, placed, outlines)
@@ -99,6 +108,7 @@ def plan_town(args: argparse.Namespace, user_options: dict[str, Any], reporter: 
 
 
 def _say(text: str) -> None:
+    """Show a line of progress in the place of the one before, where somebody watches."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
 
@@ -111,9 +121,10 @@ def format_plan(plan: Plan) -> str:
     for building in plan.buildings:
         hull, choice = building.hull, building.choice
         height, area = (hull.high - hull.low) / metre, hull.polygon.area / metre**2
+        pixel = f"{100 * choice.pixel:>6.1f} cm" if choice.photos else ""
         lines.append(
             f"{hull.id:<20}{hull.state:<18}{height:>6.1f} m{area:>6.0f} m2"
-            f"{len(choice.photos):>8}{len(building.clicks):>9}{100 * choice.pixel:>6.1f} cm"
+            f"{len(choice.photos):>8}{len(building.clicks):>9}{pixel}"
         )
     lines += [""] + [f"{b.hull.id}: {b.hull.reason}" for b in plan.buildings if b.hull.reason]
     if plan.outside:

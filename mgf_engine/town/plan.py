@@ -127,7 +127,7 @@ def shared_scene(source: Path, folder: Path, user_options: dict[str, Any], repor
     new = not folder.exists()
     try:
         with Job.start(folder, source, user_options=user_options, resume=(folder / "job.json").exists()) as job:
-            run_job(job, reporter, until="scene")
+            run_job(job, reporter, until="scene", suggest=False)
             return job, load_scene_of(job)
     except BadInput:
         if new:

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.console.shared_arguments import path_of
-from mgf_engine.console.terminal import format_duration, make_sink
+from mgf_engine.console.terminal import format_duration
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, BadInput, Cancelled
 from mgf_engine.jobs.job_folder import locked
-from mgf_engine.messages import Reporter
 from mgf_engine.system.machine import is_installed
 from mgf_engine.town.command import add_arguments as add_plan_arguments
 from mgf_engine.town.command import plan_town, time_and_memory
@@ -71,7 +70,7 @@ def town_command(args: argparse.Namespace, user_options: dict[str, Any]) -> int:
     with town_folder(args.out, args.scene), _one_town(args.out), _stoppable():
         if executor.name == SLURM and (left := cancel_jobs(args.out)):
             print(f"{left} jobs of an earlier run were ended; they go on where they were.", file=sys.stderr)
-        plan = plan_town(args, user_options, Reporter(make_sink("auto")))
+        plan = plan_town(args, user_options)
         rows = read_rows(args.out, running=False)
         ready = [row for row in rows if row["job"]]
         if not ready:

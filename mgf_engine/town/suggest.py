@@ -91,6 +91,8 @@ def _suggest(args: argparse.Namespace, user_options: dict[str, Any], reporter: R
         files = {name: str(args.out / name) for name in (CLICKS, SHEET)}
         reporter.send("result", path=str(args.out), files=files, figures={"photos": len(clicks), "clicks": count})
         return
+    reporter.progress(1.0)
+    reporter.close()
     print(place)
     print(f"{count} clicks on {len(clicks)} photos: {args.out / CLICKS}; look at {args.out / SHEET} first.")
 

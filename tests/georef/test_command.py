@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from support.finished_job import finish_job
 from support.jobs import finish_all
+from support.live_terminal import HIDE, bar_ended, live_terminal
 from support.survey import write_survey
 
 from mgf_engine.cli.main import main
@@ -34,10 +35,15 @@ def surveyed(tmp_path: Path) -> Path:
 def georef(folder: Path, capsys: pytest.CaptureFixture[str], *more: str) -> str:
     """Run the command with the survey; returns what it said."""
     given = [f"--{name}={folder.parent / file}" for name, file in (("control", "points.csv"), ("marks", "marks.csv"))]
-    code = main(["georef", str(folder), "--progress", "plain", *given, *more])
+    return run(folder, capsys, *given, *more)[0]
+
+
+def run(folder: Path, capsys: pytest.CaptureFixture[str], *given: str) -> tuple[str, str]:
+    """Run the command; returns what it said on standard output and on standard error."""
+    code = main(["georef", str(folder), "--progress", "plain", *given])
     said = capsys.readouterr()
     assert code == 0, said.err
-    return said.out
+    return said
 
 
 def test_a_point_without_marks_has_no_figures(surveyed: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -87,3 +93,12 @@ def test_a_bar_that_gives_the_scale_is_off_by_nothing(surveyed: Path, capsys: py
         (surveyed.parent / "bars.csv").write_text(f"from,to,metres\nP1,P2,{length}\n")
         said = georef(surveyed, capsys, "--control=", f"--scale-bars={surveyed.parent / 'bars.csv'}")
         assert "bar P1" in said and "(+0.0 mm)" in said
+
+
+def test_the_bar_ends_before_the_residuals(
+    surveyed: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    live_terminal(monkeypatch)
+    out, err = run(surveyed, capsys, "--progress", "bar")
+    assert bar_ended(err) and "100%" in err
+    assert "found by: " in out and "Written to" in out and HIDE not in out

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from support.live_terminal import bar_ended, live_terminal
 
 from benchmarks.synthetic.house import OFFSET
 from benchmarks.synthetic.street import PLACES, Street, write_footprints
@@ -174,14 +176,49 @@ def test_buildings_are_found_without_a_map(street: Street, out: Path, tmp_path: 
     assert "Give either --footprints FILE, or --find" in capsys.readouterr().err  # type: ignore[attr-defined]
 
 
+def test_the_terminal_shows_one_thing_after_the_other(
+    street: Street, out: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clicks are made, so nobody is asked for some; a building that no photo shows has no pixel."""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    live_terminal(monkeypatch)
+    assert buildings(street, out) == 0
+    said = capsys.readouterr()
+    assert bar_ended(said.err) and "Click the building" not in said.err
+    assert "3 of 3 buildings" in said.err and said.err.endswith("\r\x1b[K")  # the table begins on a line of its own
+    (gone,) = [line for line in said.out.splitlines() if line.startswith("gone ")]
+    (left,) = [line for line in said.out.splitlines() if line.startswith("left ")]
+    assert "cm" not in gone and left.endswith(" cm")
+
+
+@pytest.mark.parametrize("command", ["buildings", "town"])
+def test_a_refused_scene_ends_the_bar(
+    command: str, street: Street, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    live_terminal(monkeypatch)
+    scene = Path(shutil.copytree(street.folder, tmp_path / "scene"))
+    for photo in (scene / "images").iterdir():
+        photo.write_bytes(photo.read_bytes()[:400])  # sizes can be read, pixels cannot
+    given = ["--footprints", str(street.folder / "footprints.geojson"), "--footprints-crs", "scene"]
+    assert main([command, str(scene), "--out", str(tmp_path / "town"), *given]) == 2
+    assert bar_ended(capsys.readouterr().err)
+
+
 @pytest.mark.parametrize("wanted", ["point", "crop box"])
-def test_clicks_are_suggested_for_one_building(wanted: str, street: Street, out: Path, tmp_path: Path) -> None:
+def test_clicks_are_suggested_for_one_building(
+    wanted: str, street: Street, out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
     place = tmp_path / "one"
     shutil.copytree(out / "scene", place / "scene")
     middle = OFFSET + np.array([*PLACES["right"], 1.0])
     box = " ".join(map(str, (*(middle - np.array([2.3, 1.8, 1.1])), *(middle + np.array([2.3, 1.8, 2.6])))))
     where = ["--point", *map(str, middle)] if wanted == "point" else ["--crop-box", box]
-    assert main(["suggest-clicks", str(street.folder), "--out", str(place), *where]) == 0
+    live_terminal(monkeypatch)
+    assert main(["suggest-clicks", str(street.folder), "--out", str(place), *where, "--progress", "bar"]) == 0
+    said = capsys.readouterr()
+    assert bar_ended(said.err) and "Click the building" not in said.err and "clicks on" in said.out
     clicks = json.loads((place / "prompts.json").read_text())
     assert len(clicks) >= 5
     wrong = total = 0
