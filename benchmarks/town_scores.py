@@ -7,8 +7,9 @@
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -89,16 +90,26 @@ def scores(scene: Path, town: Path, thresholds: tuple[float, ...] = (0.1, 0.2)) 
     return rows
 
 
-def main(argv: list[str]) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run one of the two commands above."""
-    scene, town = Path(argv[1]), Path(argv[2])
-    if argv[0] == "clicks":
-        make_clicks(scene, town, Path(argv[3]))
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.town_scores", description=(__doc__ or "").split("\n")[0]
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, about in (("clicks", "write clicks from true masks"), ("score", "print a table of scores")):
+        command = commands.add_parser(name, help=about, description=about)
+        command.add_argument("scene", type=Path, help="folder that 'python -m benchmarks.town' made")
+        command.add_argument("town", type=Path, help="folder that 'mgf town' made")
+        if name == "clicks":
+            command.add_argument("folder", type=Path, help="where the clicks go, for 'mgf town --clicks'")
+    args = parser.parse_args(argv)
+    if args.command == "clicks":
+        make_clicks(args.scene, args.town, args.folder)
         return 0
     print(
         f"{'building':<16}{'outcome':<18}{'F1 10 cm':>9}{'20 cm':>7}{'acc.':>7}{'compl.':>7}{'CPU s':>7}{'photos':>7}"
     )
-    for row in scores(scene, town):
+    for row in scores(args.scene, args.town):
         text = f"{row['id']:<16}{row['outcome']:<18}"
         if row["outcome"] == "found":
             a, b = row["f1"]
@@ -109,4 +120,4 @@ def main(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    raise SystemExit(main())

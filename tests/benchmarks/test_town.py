@@ -8,10 +8,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 import shapely
 
 from benchmarks.town import FOOTPRINT_ERROR, ORIGIN, make_town
 from benchmarks.town_houses import HOUSES, moved, parts_of
+from benchmarks.town_scores import main as score_town
 from benchmarks.town_scores import make_clicks
 from mgf_engine.georef.gps import read_place
 from mgf_engine.scene.colmap import read_model
@@ -61,3 +63,10 @@ def test_clicks_by_hand_lie_in_the_true_masks(tmp_path: Path) -> None:
         mask = cv2.imread(str(tmp_path / "buildings/villa/masks" / (Path(photo).stem + ".png")), 0) > 127
         assert all(mask[int(v), int(u)] for u, v in entry["positive"])
         assert not any(mask[int(v), int(u)] for u, v in entry["negative"])
+
+
+@pytest.mark.parametrize("given", [[], ["score", "scene"], ["clicks", "scene", "town"], ["scores", "scene", "town"]])
+def test_what_scores_need_is_said(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        score_town(given)
+    assert end.value.code == 2 and "usage: python -m benchmarks.town_scores" in capsys.readouterr().err
