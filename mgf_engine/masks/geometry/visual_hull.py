@@ -7,7 +7,7 @@ hull then serve as points: for the choice of neighbouring photos, and for the ra
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.boxes import pad_box, percentile_box
-from mgf_engine.model.masks import BACKGROUND, IGNORE, MaskSet, building
-from mgf_engine.model.scene import Scene
+from mgf_engine.model.masks import BACKGROUND, MaskSet, building
+from mgf_engine.model.scene import Scene, View, most_pixels
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.neighbours import MatchingPoints
+from mgf_engine.system.memory import share
 
 _BYTES_PER_CELL, _BYTES_PER_PIXEL = 150, 6  # while a view votes on the cells
+_BYTES_PER_DISTANCE = 4  # of a pixel of a distance map
+_KEPT = 0.1, 1 << 29  # distance maps that are kept for all rounds: share of the memory budget, and bytes at most
 _FEWEST = 8  # sparse points that bound the box in which the hull is looked for
 
 
@@ -48,6 +51,32 @@ class MaskHullOptions:
     padding: float = parameter(0.2, "Padding of this box, as a share of its longest side")
 
 
+@dataclass(frozen=True)
+class HullVotes:
+    """Votes of masks on the cells of a grid; the visual hull is the cells that enough call building and few outside.
+
+    Attributes:
+        cells: centres [N, 3], normalised frame.
+        size: of a cell.
+        inside, outside: number of masks that call each cell building, and outside of it, int32 [N].
+    """
+
+    cells: NDArray[np.float64]
+    size: float
+    inside: NDArray[np.int32]
+    outside: NDArray[np.int32]
+
+    def hull(self, options: MaskHullOptions, forgiven: int = 0) -> NDArray[np.bool_]:
+        """Tell which cells are of the hull, bool [N].
+
+        Args:
+            options: how many masks may call a cell outside.
+            forgiven: number of votes against each cell that do not count.
+        """
+        outside = np.maximum(self.outside - forgiven, 0)
+        return (self.inside >= options.least_views) & (outside <= options.outside_share * (self.inside + outside))
+
+
 def hull_cells(
     scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
 ) -> tuple[NDArray[np.float64], float]:
@@ -62,19 +91,38 @@ def hull_cells(
     Raises:
         BadInput: the hull is empty.
     """
+    votes = carve(scene, masks, views, options)
+    return votes.cells[votes.hull(options)], votes.size
+
+
+def carve(scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions, forgiven: int = 0) -> HullVotes:
+    """Let the masks of ``views`` vote on the cells around their visual hull.
+
+    Args:
+        scene: normalised frame.
+        masks: label maps of all its views.
+        views: those whose masks vote.
+        options: number of cells, and how many views may disagree.
+        forgiven: as :meth:`HullVotes.hull` takes it.
+
+    Raises:
+        BadInput: the hull is empty.
+    """
     low, high = _seen_box(scene, views, options)
+    distances = _keep_distances(masks, views)
     for _ in range(options.rounds):
         size = float((high - low).max()) / options.cells
         axes = [np.arange(a + size / 2, b + size / 2, size) for a, b in zip(low, high, strict=True)]
         cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-        found = cells[_on_building(cells, scene, masks, views, size, options)]
+        votes = _count_votes(cells, size, scene, masks, views, distances)
+        found = cells[votes.hull(options, forgiven)]
         if not len(found):
             raise BadInput(
                 "The masks have no common volume: no point in space lies inside most of them; check the masks, the "
                 "clicks and the cameras."
             )
         low, high = found.min(0) - 2 * size, found.max(0) + 2 * size
-    return found, size
+    return votes
 
 
 def with_hull_points(
@@ -117,41 +165,6 @@ def with_hull_points(
     return MatchingPoints(hull, np.ones(len(cells), bool), views)
 
 
-def hull_agreement(
-    scene: Scene, masks: MaskSet, others: Sequence[int], index: int, options: MaskHullOptions = MaskHullOptions()
-) -> float | None:
-    """Compute the intersection over union of a mask and the visual hull of the other views' masks.
-
-    Args:
-        scene: the cameras.
-        masks: the building in each photo.
-        others: indices of the views whose masks carve the hull.
-        index: the view whose mask is compared with it.
-        options: of the hull.
-
-    Returns:
-        0..1; None if the hull of the others is empty or outside of this view's frame.
-    """
-    if len(others) < options.least_views:
-        return None
-    try:
-        cells, size = hull_cells(scene, masks, others, options)
-    except BadInput:
-        return None
-    view = scene.views[index]
-    uv, depth, framed = view.project_into_frame(cells)
-    if not framed.any():
-        return None
-    cover = np.zeros((view.height, view.width), np.uint8)
-    column, row = np.floor(uv[framed]).astype(int).T
-    cover[row, column] = 1
-    reach = int(np.ceil(size * view.fx / float(np.median(depth[framed])))) | 1
-    hull = cv2.morphologyEx(cover, cv2.MORPH_CLOSE, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
-    known = masks.labels[index] != IGNORE
-    mask = building(masks.labels[index])
-    return float((mask & hull & known).sum() / max(int(((mask | hull) & known).sum()), 1))
-
-
 def points_to_match(
     scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions = MaskHullOptions()
 ) -> MatchingPoints:
@@ -185,32 +198,63 @@ def _seen_box(
     return pad_box(low, high, options.padding)
 
 
-def _on_building(
+def vote_on_cells(
+    cells: NDArray[np.float64], size: float, view: View, labels: NDArray[np.uint8], distance: NDArray[np.float32]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Let one mask vote on the cells in its frame: building where it touches a cell, outside beyond.
+
+    Args:
+        cells: centres [N, 3], normalised frame.
+        size: of a cell.
+        view: the camera.
+        labels: its label map, uint8 [H, W].
+        distance: see :func:`background_distance`.
+
+    Returns:
+        Which cells lie in the frame, bool [N], and which of these M the mask calls building, and outside, bool [M].
+    """
+    uv, depth, framed = view.project_into_frame(cells)
+    column, row = uv[framed].astype(int).T
+    at = row, column
+    reach = 0.5 * size * view.fx / np.maximum(depth[framed], 1e-9)
+    beside = distance[at]
+    return framed, building(labels[at]) | ((beside > 0) & (beside <= reach)), beside > reach
+
+
+def background_distance(labels: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Compute the distance of background pixels to the nearest other one, px; 0 for others; float32 [H, W]."""
+    return np.asarray(cv2.distanceTransform((labels == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 3), np.float32)
+
+
+def _count_votes(
     cells: NDArray[np.float64],
+    size: float,
     scene: Scene,
     masks: MaskSet,
     views: Sequence[int],
-    size: float,
-    options: MaskHullOptions,
-) -> NDArray[np.bool_]:
-    """Tell which cells [N, 3] enough masks call building and few outside, bool [N]."""
+    distances: Mapping[int, NDArray[np.float32]],
+) -> HullVotes:
+    """Count the votes of the masks of ``views`` on cells [N, 3]; ``distances`` of views that are kept in memory."""
     inside, outside = np.zeros(len(cells), np.int32), np.zeros(len(cells), np.int32)
 
     def vote(i: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which cells lie in the frame of a view, [N], and which of those it calls building and outside."""
-        view, labels = scene.views[i], masks.labels[i]
-        uv, depth, framed = view.project_into_frame(cells)
-        column, row = uv[framed].astype(int).T
-        at = row, column
-        reach = 0.5 * size * view.fx / np.maximum(depth[framed], 1e-9)
-        beside = cv2.distanceTransform((labels == BACKGROUND).astype(np.uint8), cv2.DIST_L2, 3)[at]
-        return framed, building(labels[at]) | ((beside > 0) & (beside <= reach)), beside > reach
+        labels = masks.labels[i]
+        distance = distances[i] if i in distances else background_distance(labels)
+        return vote_on_cells(cells, size, scene.views[i], labels, distance)
 
-    each = _BYTES_PER_CELL * len(cells) + _BYTES_PER_PIXEL * max((masks.labels[i].size for i in views), default=0)
+    each = _BYTES_PER_CELL * len(cells) + _BYTES_PER_PIXEL * most_pixels([scene.views[i] for i in views])
     for framed, on_it, off_it in parallel_map(vote, views, bytes_each=each):
         inside[framed] += on_it
         outside[framed] += off_it
-    return (inside >= options.least_views) & (outside <= options.outside_share * (inside + outside))
+    return HullVotes(cells, size, inside, outside)
+
+
+def _keep_distances(masks: MaskSet, views: Sequence[int]) -> dict[int, NDArray[np.float32]]:
+    """Return :func:`background_distance` of as many of the views as memory is spared for."""
+    largest = max((masks.labels[i].size for i in views), default=1)
+    kept = views[: share(*_KEPT) // (_BYTES_PER_DISTANCE * largest)]
+    distances = parallel_map(lambda i: background_distance(masks.labels[i]), kept)
+    return dict(zip(kept, distances, strict=True))
 
 
 def _surface(cells: NDArray[np.float64], size: float) -> NDArray[np.bool_]:

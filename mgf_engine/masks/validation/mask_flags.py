@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_agreement
+from mgf_engine.masks.geometry.hull_agreement import hull_agreement
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions
 from mgf_engine.masks.points import track_votes
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
@@ -78,10 +79,10 @@ def flag_by_masks(
     """
     result = list(reasons)
     used = np.flatnonzero(masks.used).tolist()
-    for index in np.flatnonzero(~tested).tolist():
-        if float(building(masks.labels[index]).mean()) < options.least_building:
-            continue
-        share = hull_agreement(scene, masks, [i for i in used if i != index], index, options.hull)
+    untested = [
+        i for i in np.flatnonzero(~tested).tolist() if float(building(masks.labels[i]).mean()) >= options.least_building
+    ]
+    for index, share in zip(untested, hull_agreement(scene, masks, used, untested, options.hull), strict=True):
         low = share is not None and share < options.hull_below
         result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
     return result

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
-from mgf_engine.masks.geometry.visual_hull import hull_agreement, with_hull_points
+from mgf_engine.masks.geometry.hull_agreement import hull_agreement
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, with_hull_points
 from mgf_engine.masks.validation.mask_flags import flag_by_masks
 from mgf_engine.model.masks import MaskSet
-from mgf_engine.model.scene import Scene
+from mgf_engine.model.scene import Scene, View
+
+PROJECT = View.project
 
 
 @pytest.fixture(scope="module")
@@ -20,27 +23,48 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> PlainHouse:
     return make_plain_house(tmp_path_factory.mktemp("plain") / "scene")
 
 
-def test_true_masks_agree_with_the_hull_of_the_others_and_wrong_ones_do_not(plain: PlainHouse) -> None:
-    labels = [label.copy() for label in plain.masks.labels]
-    labels[3] = np.zeros_like(labels[3])
-    labels[3][:60, :60] = 1  # sky
-    masks = replace(plain.masks, labels=tuple(labels))
-    others = [i for i in range(16) if i != 3]
-    assert hull_agreement(plain.scene, masks, others[1:], 0) > 0.75
-    assert hull_agreement(plain.scene, masks, others, 3) < 0.1
-    assert hull_agreement(plain.scene, masks, [], 0) is None
-
-
-def test_without_points_only_a_contradiction_leaves_a_mask_out(plain: PlainHouse) -> None:
+def with_wrong_mask(plain: PlainHouse) -> MaskSet:
+    """The true masks, but for the fourth, which is of the sky."""
     labels = [label.copy() for label in plain.masks.labels]
     labels[3] = np.zeros_like(labels[3])
     labels[3][:60, :60] = 1
+    return replace(plain.masks, labels=tuple(labels))
+
+
+def test_true_masks_agree_with_the_hull_of_the_others_and_wrong_ones_do_not(plain: PlainHouse) -> None:
+    masks = with_wrong_mask(plain)
+    right, wrong = hull_agreement(plain.scene, masks, range(16), [0, 3])
+    assert right is not None and wrong is not None and right > 0.75 and wrong < 0.1
+    unused = hull_agreement(plain.scene, masks, [i for i in range(16) if i != 3], [3])
+    assert unused[0] is not None and unused[0] < 0.1
+    assert hull_agreement(plain.scene, masks, [], [0, 3]) == [None, None]
+    assert hull_agreement(plain.scene, masks, [0, 1], [0]) == [None]  # one mask has no hull
+
+
+@pytest.mark.parametrize("views", [range(0, 16, 4), range(16)])
+def test_masks_agree_as_with_a_hull_carved_without_them(plain: PlainHouse, views: range) -> None:
+    found = hull_agreement(plain.scene, plain.masks, views, views)
+    for index, share in zip(views, found, strict=True):
+        alone = hull_agreement(plain.scene, plain.masks, [i for i in views if i != index], [index])[0]
+        assert share == pytest.approx(alone, abs=0.06)  # the cells of the two grids differ
+
+
+def test_the_hull_is_carved_once_for_all_masks(plain: PlainHouse, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    monkeypatch.setattr(View, "project", lambda view, points: calls.append(view) or PROJECT(view, points))
+    hull_agreement(plain.scene, plain.masks, range(16), range(16))
+    rounds = MaskHullOptions().rounds
+    assert len(calls) == 16 * (rounds + 2)  # its own votes, and the hull in its frame
+
+
+def test_without_points_only_a_contradiction_leaves_a_mask_out(plain: PlainHouse) -> None:
+    masks = with_wrong_mask(plain)
     weak = "mask and points agree only to 0%"
     reasons = ["", weak, weak, ""] + [""] * 12
     tested = np.ones(16, bool)
     tested[[1, 3]] = False  # points test the third photo's mask
     used = np.array([not r for r in reasons])
-    found = flag_by_masks(plain.scene, replace(plain.masks, labels=tuple(labels), used=used), reasons, tested)
+    found = flag_by_masks(plain.scene, replace(masks, used=used), reasons, tested)
     assert found[1] == "" and found[2] == weak
     assert found[3].startswith("the other photos' masks agree with it only to")
     assert not any(found[4:])
