@@ -30,7 +30,7 @@ def job_folder(scene: bpy.types.Scene) -> Path:
     state = scene.mgf
     if not state.job_folder:
         if not state.source:
-            raise UserError("There is nothing to reconstruct; import a COLMAP scene or photos first.")
+            raise UserError("There is nothing to reconstruct; import photos or a COLMAP scene first.")
         known = _chosen.get(scene_key(scene))
         state.job_folder = known[1] if known is not None and known[0] == state.source else _choose(scene)
         _chosen[scene_key(scene)] = state.source, state.job_folder

@@ -99,7 +99,7 @@ def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:
     """
     global _count
     if not scene.mgf.source:
-        raise UserError("The photo belongs to no imported scene; import a COLMAP scene or photos first.")
+        raise UserError("The photo belongs to no imported scene; import photos or a COLMAP scene first.")
     if not photo.done():
         raise UserError("No point marks the building in this photo; click at least one.")
     folder = Path(bpy.app.tempdir) / "mgf_preview"

@@ -19,6 +19,7 @@ from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
 from ..scene_import.locate import holds_model, holds_photos
 from ..scene_import.operators import bring_in, frame_tree
+from ..scene_import.tree import Tree
 from . import preview_image
 from .engine_messages import in_panel_terms, translate_message
 from .start import make_job
@@ -51,7 +52,7 @@ class JobOperator(_StartsEngine):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         source = context.scene.mgf.source
-        return cls.needs(source, "Import a COLMAP scene or photos first") and super().poll(context)
+        return cls.needs(source, "Import photos or a COLMAP scene first") and super().poll(context)
 
 
 class FinishedJobOperator(_StartsEngine):
@@ -234,6 +235,12 @@ def last_job(scene: bpy.types.Scene, kinds: tuple[str, ...] = RESUMABLE) -> Job 
         return None
     found = [job for job in runner.jobs(key) if job.kind in kinds]
     return runner.live_job(key, kinds) or (found[-1] if found else None)
+
+
+def finding_cameras(scene: bpy.types.Scene) -> Job | None:
+    """Return the job that finds the cameras of imported photos, while it runs and there are none yet."""
+    key = key_of(scene)
+    return runner.live_job(key, ("scene",)) if key and Tree.find(scene) is None else None
 
 
 def interrupted(scene: bpy.types.Scene) -> bool:

@@ -14,7 +14,7 @@ from ..engine.status_label import draw_engine_missing
 from ..job_folder import has_job_file
 from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_message
 from .estimate import estimate, format_duration, photos_of
-from .operators import interrupted, last_job
+from .operators import finding_cameras, interrupted, last_job
 
 _DONE = {
     "reconstruct": N_("Mesh finished in {time}"),
@@ -71,7 +71,7 @@ class MGF_PT_reconstruct(SidebarPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(context.scene.mgf.source)
+        return bool(context.scene.mgf.source) and finding_cameras(context.scene) is None  # which the Scene panel shows
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf

@@ -35,7 +35,7 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
     state = scene.mgf
     folder = job_folder(scene)
     if not state.source:
-        raise UserError("There is nothing to reconstruct; import a COLMAP scene or photos first.")
+        raise UserError("There is nothing to reconstruct; import photos or a COLMAP scene first.")
     command = [kind, bpy.path.abspath(state.source), "--out", str(folder), *_MESSAGES]
     if kind != "scene":
         command += _guidance(scene, folder)

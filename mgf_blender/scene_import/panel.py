@@ -6,6 +6,8 @@ import bpy
 from ..common.panels import SidebarPanel
 from ..common.text import tr
 from ..engine.status_label import draw_engine_missing
+from ..reconstruct.operators import finding_cameras
+from ..reconstruct.panel import draw_job
 from ..results.status_label import draw_waiting
 from .crop import find_crop_box
 from .tree import Tree
@@ -39,11 +41,16 @@ class MGF_PT_scene(SidebarPanel, bpy.types.Panel):
 
 
 def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """Draw an empty scene: the ways in, and what stands in the way of a reconstruction."""
+    """Draw an empty scene: how far the search for its cameras is, or the ways in and what stands in their way."""
+    job = finding_cameras(scene)
+    if job is not None:
+        draw_job(layout, job)
+        return
     column = layout.column()
-    column.scale_y = 1.4
+    column.scale_y = 1.6
+    column.operator("mgf.import_photos", icon="FILE_IMAGE")  # what most have, and all that is needed
+    column = layout.column(align=True)
     column.operator("mgf.import_colmap", text="Import COLMAP Scene", icon="OUTLINER_OB_CAMERA")
-    column.operator("mgf.import_photos", icon="FILE_IMAGE")
     column.operator("mgf.import_result", icon="IMPORT")
     draw_waiting(layout, scene)
     draw_engine_missing(layout)
@@ -87,8 +94,8 @@ class MGF_PT_source(SidebarPanel, bpy.types.Panel):
         layout.prop(state, "photo_folder", text="Photos")
         layout.operator("mgf.reload_scene", icon="FILE_REFRESH")
         column = layout.column(align=True)
-        column.operator("mgf.import_colmap", text="Import Another Scene", icon="OUTLINER_OB_CAMERA")
         column.operator("mgf.import_photos", text="Import Other Photos", icon="FILE_IMAGE")
+        column.operator("mgf.import_colmap", text="Import Another Scene", icon="OUTLINER_OB_CAMERA")
 
 
 CLASSES = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source)

@@ -48,9 +48,24 @@ def all_panels() -> str:
 
 
 def test_empty_scene_shows_the_ways_in(addon, engine):
-    assert draw(MGF_PT_scene).said == "Import COLMAP Scene\nImport Photos\nImport Result"
+    assert draw(MGF_PT_scene).said == "Import Photos\nImport COLMAP Scene\nImport Result"
     assert [draw(cls).said for cls in VIEWPORT[1:5]] == [""] * 4
     assert "Import a scene in the 3D viewport first" in draw(MGF_PT_prompts).said
+
+
+def test_the_scene_panel_shows_the_search_for_cameras(addon, engine, house):
+    """Its bar stood at the end of Reconstruct, below all options, and nothing else could be done there meanwhile."""
+    engine("slow")
+    addon.source, addon.job_folder = str(house.folder / "images"), str(house.folder.parent / "new job")
+    runner.submit(make_job(bpy.context.scene, "scene"))
+    drawn = draw(MGF_PT_scene)
+    assert "mgf.cancel_job" in [name for name, *_ in drawn.operators] and "Import" not in drawn.said
+    assert draw(MGF_PT_reconstruct).said == ""
+    bpy.ops.mgf.cancel_job()
+    while runner.pump():
+        time.sleep(0.01)
+    assert "Import Photos" in draw(MGF_PT_scene).said
+    assert "Cancelled" in draw(MGF_PT_reconstruct).said
 
 
 def test_missing_engine_is_said_before_anything_is_imported(addon, monkeypatch, house):

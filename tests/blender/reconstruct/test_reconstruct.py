@@ -54,7 +54,7 @@ def test_the_papers_preset_is_handed_over_as_one_word(ready):
     ("prepare", "words"),
     [
         (lambda s: s.photos[0].clicks.clear(), "Mark the building in one photo or more first"),
-        (lambda s: setattr(s, "source", ""), "Import a COLMAP scene or photos first"),
+        (lambda s: setattr(s, "source", ""), "Import photos or a COLMAP scene first"),
     ],
 )
 def test_what_is_missing_is_said(ready, prepare, words):

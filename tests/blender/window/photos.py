@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from driver import Window, engine_python, open_with_addon
 
 PREFERENCES = "bpy.context.preferences.addons['bl_ext.user_default.mgf'].preferences"
-PHOTOS = 71  # Import Photos, pixels below the top of the sidebar
+PHOTOS = 50  # Import Photos, pixels below the top of the sidebar
 
 
 def main() -> int:

@@ -26,7 +26,7 @@ from driver import Window, engine_python
 from first_steps import install_engine, install_extension, use_environment
 
 # Places in the sidebar, pixels below its top at interface scale 1, panels as the add-on leaves them when new.
-IMPORT, CROP, MARK = 50, 71, 195
+IMPORT, CROP, MARK = 84, 71, 195
 RECONSTRUCT, RESUME = 500, 558  # with a photo marked
 SHOW_RENDER = 493  # while training
 SCENE_HEADER, RESULTS_HEADER = 16, 214  # the second while only the panel Scene is open
