@@ -13,7 +13,8 @@ from ..prompts.operators import choose_photo, open_photo
 from ..prompts.properties import active_photo
 from ..reconstruct.operators import FinishedJobOperator, submit
 from ..scene_import.cameras import PHOTO_KEY
-from ..scene_import.operators import SceneOperator, frame_tree
+from ..scene_import.framing import frame_tree
+from ..scene_import.operators import SceneOperator
 from ..scene_import.tree import Tree
 from . import files
 from .place import place

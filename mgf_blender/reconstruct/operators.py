@@ -17,8 +17,9 @@ from ..job_folder import broke_off, given_options, has_job_file, job_folder
 from ..properties import key_of
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
+from ..scene_import.framing import frame_tree
 from ..scene_import.locate import holds_model, holds_photos
-from ..scene_import.operators import bring_in, frame_tree
+from ..scene_import.operators import bring_in
 from ..scene_import.tree import Tree
 from . import preview_image
 from .engine_messages import in_panel_terms, translate_message

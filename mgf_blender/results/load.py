@@ -32,7 +32,7 @@ from ..scene_import.frame import SceneFrame, make_frame, turn_as_held
 from ..scene_import.tree import Tree, hide
 from .delivery import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
-from .surface import paints_texture, show
+from .surface import show
 from .texture import check_picture, load_texture, read_uv, remove_unused_textures
 from .view_mode import forget_results
 
@@ -169,7 +169,7 @@ def _replace_mesh(
     scene: bpy.types.Scene, tree: Tree, content: Content, mesh: bpy.types.Mesh | None, texture: bpy.types.Image | None
 ) -> bpy.types.Object:
     """Put the job's mesh in the place of the tree's earlier one, with its texture."""
-    had_texture = paints_texture(tree)
+    had_texture = tree.shows_texture
     tree.clear("Mesh")
     name = job_name(content.delivery.folder)
     obj = _add_mesh(tree, name, mesh or make_mesh(name, content.mesh, SHARP_ANGLE), content.parts, texture)

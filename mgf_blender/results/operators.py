@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators of the Results panel."""
+"""Operators of the Results panel, and the one that looks through a camera, which then shows photo or render."""
 
 import json
 import shutil
@@ -10,14 +10,15 @@ import bpy
 from ..common.errors import UserError, sentence
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
-from ..common.selection import select_only
+from ..common.selection import active_object, select_only
 from ..common.text import tr
 from ..common.views import draw_texture, enter_camera, follow_paint
 from ..job_folder import has_job_file, job_folder
 from ..prompts import files as prompts_files
 from ..prompts.operators import add_missing
-from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
-from ..scene_import.operators import frame_object
+from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY, clear_view, fit_render
+from ..scene_import.framing import frame_object
+from ..scene_import.operators import SceneOperator
 from ..scene_import.tree import Tree, hide
 from . import async_import, surface, view_mode
 from .delivery import read_delivery
@@ -107,6 +108,31 @@ class MGF_OT_import_field(_NeedsJob):
         if delivery.field is None or tree is None:
             raise UserError("The job has no field or its scene is gone; import the result first.")
         import_field(tree, delivery.field)
+
+
+class MGF_OT_look_through(SceneOperator):
+    """Look through a camera; the render takes the size and pixel aspect of its photo"""
+
+    bl_idname = "mgf.look_through"
+    bl_label = "Look Through Camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    step: bpy.props.IntProperty(
+        name="Step", description="Number of photos to advance from the active camera", default=0
+    )
+
+    def run(self, context: bpy.types.Context) -> None:
+        tree = Tree.find(context.scene)
+        cameras = sorted(tree.cameras(), key=lambda o: o.get(PHOTO_KEY, ""))
+        active = active_object(context)
+        chosen = active if self.step == 0 and active in cameras else context.scene.camera
+        at = cameras.index(chosen) if chosen in cameras else 0
+        camera = cameras[(at + self.step) % len(cameras)]
+        context.scene.camera = camera
+        fit_render(context.scene, camera)
+        clear_view(tree, camera)
+        view_mode.follow(tree, camera)
+        enter_camera(context)
 
 
 class MGF_OT_show_in_camera(Operator):
@@ -219,8 +245,8 @@ class MGF_OT_remove_old_runs(Operator):
 
 
 CLASSES = (
-    MGF_OT_import_result, MGF_OT_import_field, MGF_OT_export_field, MGF_OT_show_in_camera, MGF_OT_paint_mesh,
-    MGF_OT_remove_old_runs,
+    MGF_OT_import_result, MGF_OT_import_field, MGF_OT_export_field, MGF_OT_look_through, MGF_OT_show_in_camera,
+    MGF_OT_paint_mesh, MGF_OT_remove_old_runs,
 )  # fmt: skip
 
 
@@ -230,7 +256,7 @@ def after_undo(*_: object) -> None:
     for scene in bpy.data.scenes:
         tree = Tree.find(scene)
         if tree is not None:
-            follow_paint(scene, surface.paints_texture(tree))
+            follow_paint(scene, tree.shows_texture)
 
 
 _register, _unregister = bpy.utils.register_classes_factory(CLASSES)

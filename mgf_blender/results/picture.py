@@ -15,7 +15,7 @@ from ..common.meshes import vertices_of
 from ..common.textures import add_texture_node
 from ..compat import EEVEE
 from ..scene_import.tree import Tree
-from .surface import paints_texture, shown, texture
+from .surface import shown, texture
 
 _RIG = "MGF Picture"
 _LENS = 45.0  # mm on a 36 mm sensor
@@ -61,7 +61,7 @@ def render_picture(
         made += _add_camera(stage, tree, corners, turn, size)
         made += [*_add_light(stage, corners), *_add_ground(stage, corners)]
         _settings(stage, path, size, samples, engine)
-        stage.display.shading.color_type = "TEXTURE" if paints_texture(tree) else "VERTEX"
+        stage.display.shading.color_type = "TEXTURE" if tree.shows_texture else "VERTEX"
         bpy.ops.render.render(write_still=True, scene=stage.name)
     finally:
         bpy.data.scenes.remove(stage, do_unlink=True)

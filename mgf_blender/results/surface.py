@@ -11,7 +11,6 @@ from ..common.materials import COLOR_ATTRIBUTE
 from ..common.meshes import UV_MAP, choose_colors, set_colors
 from ..common.text import tr
 from ..common.textures import show_texture, shows_texture, texture_of
-from ..scene_import.tree import Tree
 
 #: Kind -> the colour attribute that shows it and the value per vertex it is made from.
 KINDS = {
@@ -34,11 +33,6 @@ def available(mesh: bpy.types.Mesh) -> list[str]:
 def texture(mesh: bpy.types.Mesh) -> bpy.types.Image | None:
     """Return the texture that came with a mesh; pictures in the user's own materials are none."""
     return next((image for image in map(texture_of, mesh.materials) if image is not None), None)
-
-
-def paints_texture(tree: Tree) -> bool:
-    """Tell whether a scene's mesh is painted with its texture now."""
-    return any(shown(obj.data) == "TEXTURE" for obj in tree.objects("Mesh"))
 
 
 def shown(mesh: bpy.types.Mesh) -> str:

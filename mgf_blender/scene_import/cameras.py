@@ -154,10 +154,12 @@ def clear_view(tree: Tree, camera: bpy.types.Object) -> None:
 
 def find_source(scene: bpy.types.Scene) -> Tree | None:
     """Find the tree of the photos that a reconstruction takes, which lies beside results of others; None without."""
-    names = {photo.name for photo in scene.mgf.photos}
     trees = Tree.find_all(scene)
+    if len(trees) < 2:  # panels ask at every redraw; with one tree there is no need to look at its cameras
+        return trees[0] if trees else None
+    names = {photo.name for photo in scene.mgf.photos}
     of_photos = (t for t in trees if any(o.get(PHOTO_KEY) in names for o in t.objects("Cameras")))
-    return next(of_photos, trees[0] if trees else None)
+    return next(of_photos, trees[0])
 
 
 def shrink_cameras(tree: Tree, factor: float) -> None:

@@ -1,23 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators that bring a scene in and look at it: import, drop, camera, crop box."""
+"""Operators that bring a scene in: import, drop, crop box; and the handler that fits the render to its cameras."""
 
 from pathlib import Path
 
 import bpy
-import numpy as np
 
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
-from ..common.selection import active_object, select_only
+from ..common.selection import select_only
 from ..common.text import tr
-from ..common.views import enter_camera, frame_scene, side_of_cameras
-from ..results.surface import paints_texture
-from ..results.view_mode import follow
-from .cameras import PHOTO_KEY, SIZE_KEY, clear_view, fit_render
+from .cameras import SIZE_KEY, clear_view, fit_render
 from .crop import add_crop_box, find_crop_box
+from .framing import frame_tree
 from .load import Imported, import_scene
 from .locate import find_photo
-from .points import sparse_points
 from .roots import choose_roots
 from .tree import Tree
 
@@ -78,31 +74,6 @@ class MGF_OT_reload_scene(Operator):
 
     def run(self, context: bpy.types.Context) -> None:
         bring_in(context.scene, Path(bpy.path.abspath(context.scene.mgf.source)), True, True, self)
-
-
-class MGF_OT_look_through(SceneOperator):
-    """Look through a camera; the render takes the size and pixel aspect of its photo"""
-
-    bl_idname = "mgf.look_through"
-    bl_label = "Look Through Camera"
-    bl_options = {"REGISTER", "UNDO"}
-
-    step: bpy.props.IntProperty(
-        name="Step", description="Number of photos to advance from the active camera", default=0
-    )
-
-    def run(self, context: bpy.types.Context) -> None:
-        tree = Tree.find(context.scene)
-        cameras = sorted(tree.cameras(), key=lambda o: o.get(PHOTO_KEY, ""))
-        active = active_object(context)
-        chosen = active if self.step == 0 and active in cameras else context.scene.camera
-        at = cameras.index(chosen) if chosen in cameras else 0
-        camera = cameras[(at + self.step) % len(cameras)]
-        context.scene.camera = camera
-        fit_render(context.scene, camera)
-        clear_view(tree, camera)
-        follow(tree, camera)
-        enter_camera(context)
 
 
 class MGF_OT_add_crop_box(SceneOperator):
@@ -209,36 +180,6 @@ def list_roots(scene: bpy.types.Scene, done: Imported) -> None:
     scene.mgf.photo_index = min(max(scene.mgf.photo_index, 0), max(len(photos) - 1, 0))
 
 
-def frame_tree(context: bpy.types.Context, tree: Tree) -> None:
-    """Turn the viewports to an imported scene."""
-    root = tree.root
-    points = sparse_points(tree)
-    middle = np.median(points, axis=0) if len(points) else np.zeros(3)
-    matrix = np.array(root.matrix_basis)
-    middle = matrix[:3, :3] @ middle + matrix[:3, 3]
-    side = side_of_cameras(middle, _centres(tree))
-    frame_scene(context, middle, tree.radius * root.matrix_basis.median_scale, paints_texture(tree), side)
-
-
-def _centres(tree: Tree) -> np.ndarray:
-    """Return where the cameras are, [N, 3], world."""
-    root = np.array(tree.root.matrix_basis)
-    places = np.array([np.array(o.matrix_basis)[:3, 3] for o in tree.objects("Cameras")]).reshape(-1, 3)
-    return places @ root[:3, :3].T + root[:3, 3]
-
-
-def frame_object(context: bpy.types.Context, obj: bpy.types.Object, tree: Tree) -> None:
-    """Turn the viewports to an object of a scene that fills less of it than the cameras do."""
-    corners = np.array(obj.bound_box)
-    # Fresh objects have no world matrices yet.
-    matrix = np.array(tree.root.matrix_basis @ obj.matrix_parent_inverse @ obj.matrix_basis)
-    corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    middle = (low + high) / 2
-    side = side_of_cameras(middle, _centres(tree))
-    frame_scene(context, middle, float(np.linalg.norm(high - low)) / 2, paints_texture(tree), side)
-
-
 @bpy.app.handlers.persistent
 def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Keep the render size in step with the active camera (handler), because Blender keeps it in the scene."""
@@ -262,8 +203,8 @@ def menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 CLASSES = (
-    MGF_OT_import_colmap, MGF_OT_reload_scene, MGF_OT_look_through, MGF_OT_add_crop_box, MGF_OT_select_crop_box,
-    MGF_OT_remove_crop_box, MGF_FH_colmap,
+    MGF_OT_import_colmap, MGF_OT_reload_scene, MGF_OT_add_crop_box, MGF_OT_select_crop_box, MGF_OT_remove_crop_box,
+    MGF_FH_colmap,
 )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..common.errors import UserError
+from ..common.textures import shows_texture
 from .frame import SceneFrame
 
 KINDS = ("Cameras", "Points", "Mesh", "Renders")
@@ -113,6 +114,11 @@ class Tree:
         root = self.root
         return float(root[RADIUS_KEY]) if root is not None else 1.0
 
+    @property
+    def shows_texture(self) -> bool:
+        """Whether the mesh is painted with its texture now."""
+        return any(shows_texture(material) for obj in self.objects("Mesh") for material in obj.data.materials)
+
     def child(self, kind: str) -> bpy.types.Collection:
         """Return the sub-collection of a kind, made when missing."""
         found = next((c for c in self.collection.children if c.get(KIND_KEY) == kind), None)
@@ -183,8 +189,8 @@ def objects_below(collection: bpy.types.Collection) -> Iterator[bpy.types.Object
     seen = set()
     for part in (collection, *collection.children_recursive):
         for obj in part.objects:
-            if obj.name_full not in seen:
-                seen.add(obj.name_full)
+            if obj not in seen:
+                seen.add(obj)
                 yield obj
 
 

@@ -263,6 +263,13 @@ def test_own_masks_need_no_points(addon, engine, house):
     assert draw(MGF_PT_mark).said == "Masks are switched off"
 
 
+def test_results_on_their_way_into_an_empty_scene(addon, house):
+    async_import.begin(bpy.context.scene, house.job)
+    assert "Importing the results" in draw(MGF_PT_scene).said
+    async_import.forget(bpy.context.scene)
+    assert "Importing the results" not in draw(MGF_PT_scene).said
+
+
 def test_results_on_their_way_and_broken(addon, engine, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.job_folder = str(house.job)

@@ -260,7 +260,7 @@ def check_viewports(scene: bpy.types.Scene, tree: Tree) -> None:
         for area in window.screen.areas if window.scene == scene and tree.objects("Mesh") else ():
             drawn = area.spaces.active.shading.color_type if area.type == "VIEW_3D" else ""
             if drawn in {"TEXTURE", "VERTEX"}:
-                assert (drawn == "TEXTURE") == surface.paints_texture(tree), drawn
+                assert (drawn == "TEXTURE") == tree.shows_texture, drawn
 
 
 def check_camera(camera: bpy.types.Object) -> None:

@@ -17,7 +17,7 @@ from mgf_blender.common.views import side_of_cameras
 from mgf_blender.scene_import import placement
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.crop import crop_text, find_crop_box
-from mgf_blender.scene_import.operators import frame_tree
+from mgf_blender.scene_import.framing import frame_tree
 from mgf_blender.scene_import.tree import Tree
 
 
