@@ -96,6 +96,8 @@ def _measure(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _check(args: argparse.Namespace) -> None:
+    from mgf_engine.evaluation.scores import check_thresholds
+
     if args.truth is None and args.scene is None and args.scan is None:
         raise BadInput("Nothing to compare the mesh with; give --truth MESH, --scan FILE or --scene FOLDER.")
     if args.truth is not None and args.scan is not None:
@@ -107,6 +109,7 @@ def _check(args: argparse.Namespace) -> None:
         raise BadInput("--leave-out compares with a true mesh; give --truth MESH, too.")
     if args.json is not None and args.json.is_dir():  # before minutes of work
         raise BadInput(f"Cannot write the figures '{args.json}' ({os.strerror(errno.EISDIR)}); give another place.")
+    check_thresholds(args.thresholds)
     if args.reach is not None and not 0 < args.reach < float("inf"):
         raise BadInput(f"--reach takes a distance above 0, not {args.reach:g}.")
     if not 1 <= args.photo_size <= 100_000:

@@ -2,7 +2,8 @@
 """Evenness of the walls of a mesh without ground truth: its largest planes, and the deviations from them.
 
 Points are sampled by area; the plane that holds most of them within three ground pixels is found, fitted to what it
-holds and taken away, then the next one. Distances tell of waves, angles between the faces and their plane of grain and
+holds and taken away, then the next one. Planes that most of their faces cross, as through leaves, frames or steps,
+are none of the mesh and are left out. Distances tell of waves, angles between the faces and their plane of grain and
 pits: a clean wall has a few degrees. Reveals of windows and the corners of other walls lie within three pixels of the
 plane, too, so a perfect mesh has large angles at 90 %; away from whatever leaves the plane, it has none.
 """
@@ -39,6 +40,8 @@ class EvennessOptions:
         edge: distance, ground pixels, from whatever leaves the plane up to which a point lies at an edge.
         edge_spacing: distance between the points by which edges are found, ground pixels.
         edge_samples: maximum number of these points.
+        steepest: median of the angle between a plane and the faces in it, degrees, above which it is none of the mesh
+            but cuts through what leaves the walls.
     """
 
     samples: int = 100_000
@@ -53,6 +56,7 @@ class EvennessOptions:
     edge: float = 6.0
     edge_spacing: float = 2.0
     edge_samples: int = 1_000_000
+    steepest: float = 45.0
 
 
 @dataclass(frozen=True)
@@ -112,8 +116,10 @@ def measure_evenness(
         BadInput: the pixel's length or the number of samples is not a number above 0.
     """
     samples = options.samples
-    if not (0 < ground_pixel < np.inf and samples > 0):
-        raise BadInput("A ground pixel and the number of samples must be finite and larger than 0.")
+    if not 0 < ground_pixel < np.inf:
+        raise BadInput(f"The length of a ground pixel must be finite and above 0, not {ground_pixel:g}.")
+    if samples < 1:
+        raise BadInput(f"The number of samples must be 1 or more, not {samples}.")
     rng = np.random.default_rng(seed)
     points, face = mesh.sample(samples, rng)
     middle = points.mean(0)
@@ -128,6 +134,9 @@ def measure_evenness(
         held = left[held]
         away = (points[held] - centre) @ normal
         angles = np.degrees(np.arccos(np.clip(np.abs(normals[held] @ normal), 0.0, 1.0)))
+        left = np.setdiff1d(left, held, assume_unique=True)
+        if np.median(angles) > options.steepest:
+            continue
         interior = _away_from_edges(points[held], around, centre, normal, ground_pixel, options)
         planes.append(
             PlaneEvenness(
@@ -135,7 +144,6 @@ def measure_evenness(
                 float(np.percentile(angles, 90)), float(np.percentile(angles[interior], 90)),
             )
         )  # fmt: skip
-        left = np.setdiff1d(left, held, assume_unique=True)
     return Evenness(ground_pixel, tuple(planes))
 
 

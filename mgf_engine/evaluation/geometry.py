@@ -8,7 +8,6 @@ of the material of the true face nearest to it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.align import align_to
 from mgf_engine.evaluation.materials import Materials
-from mgf_engine.evaluation.scores import GeometryScores, MaterialScores
+from mgf_engine.evaluation.scores import GeometryScores, MaterialScores, check_thresholds
 from mgf_engine.evaluation.surfaces import Faces, Hygiene, Points, SeeingCamera, Surface
 
 MOST_SAMPLES = 100_000_000  # of a mesh: some 10 GB
@@ -160,8 +159,7 @@ def score_surface(
     Raises:
         BadInput: thresholds or samples that are not positive, nothing inside the crop, or no true point left to score.
     """
-    if options.samples < 1 or not thresholds or not all(0 < t < math.inf for t in thresholds):
-        raise BadInput("Thresholds and the number of samples must be finite and larger than 0.")
+    check_thresholds(thresholds)
     found = compare_surfaces(mesh, truth, options)
     return (found if leave_out is None else found.without(leave_out)).scores(thresholds, materials)
 
@@ -170,11 +168,11 @@ def compare_surfaces(mesh: Surface, truth: Surface, options: ComparisonOptions =
     """Measure the distances between a mesh and the truth, which :func:`score_surface` takes its scores from.
 
     Raises:
-        BadInput: too many samples, nothing inside the crop, or no true point seen.
+        BadInput: an impossible number of samples, nothing inside the crop, or no true point seen.
     """
     samples, crop = options.samples, options.crop
-    if samples > MOST_SAMPLES:
-        raise BadInput(f"The number of samples must be at most {MOST_SAMPLES}, not {samples}.")
+    if not 1 <= samples <= MOST_SAMPLES:
+        raise BadInput(f"The number of samples must be 1 to {MOST_SAMPLES}, not {samples}.")
     rng = np.random.default_rng(options.seed)
     matrix = np.eye(4)
     hygiene = mesh.hygiene()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.align import align_points
+from mgf_engine.evaluation.scores import check_thresholds
 from mgf_engine.evaluation.surfaces import Points, Surface
 
 
@@ -87,8 +88,9 @@ def compare_with_scan(
         options: which points belong to the mesh, and how they are registered.
 
     Raises:
-        BadInput: the scan does not lie on the mesh.
+        BadInput: a threshold is no distance, or the scan does not lie on the mesh.
     """
+    check_thresholds(thresholds)
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     size = float(np.linalg.norm(high - low))
     reach = options.reach_share * size if options.reach is None else options.reach

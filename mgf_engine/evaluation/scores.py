@@ -3,10 +3,26 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.surfaces import Hygiene
+
+
+def check_thresholds(thresholds: Sequence[float]) -> None:
+    """Refuse thresholds of which one is no finite distance above 0, and none at all.
+
+    Raises:
+        BadInput: so it is.
+    """
+    if not thresholds:
+        raise BadInput("There is no threshold to score by; give at least one distance.")
+    for threshold in thresholds:
+        if not 0 < threshold < math.inf:
+            raise BadInput(f"A threshold must be a finite distance above 0, not {threshold:g}.")
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,11 @@ def triangle(tmp_path: Path) -> str:
 @pytest.mark.parametrize(
     ("args", "part"),
     [
-        (["--thresholds", "nan"], "larger than 0"),
-        (["--thresholds", "0.1", "inf"], "larger than 0"),
-        (["--samples", "10000000000000"], "at most"),
+        (["--thresholds", "nan"], "A threshold must be a finite distance above 0, not nan."),
+        (["--thresholds", "0.1", "inf"], "A threshold must be a finite distance above 0, not inf."),
+        (["--thresholds", "0.1", "-5", "1"], "A threshold must be a finite distance above 0, not -5."),
+        (["--samples", "0"], "The number of samples must be 1 to 100000000, not 0."),
+        (["--samples", "10000000000000"], "The number of samples must be 1 to 100000000, not 10000000000000."),
         (["--json", "{}"], "Cannot write the figures"),
         (["--json", __file__ + "/figures.json"], "Cannot write the figures"),
         (["--picture", "{}"], "Cannot write the picture"),

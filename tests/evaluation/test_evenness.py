@@ -81,9 +81,21 @@ def test_reveals_and_corners_are_edges_and_grain_is_not() -> None:
 
 
 def test_a_plane_that_is_nothing_but_edges_still_has_a_figure() -> None:
-    teeth = np.where(np.arange(200) % 2, 0.2, 0.0) * np.ones((60, 1))
-    plane = measure_evenness(grid((0, 0, 0), (10, 0, 0), (0, 0, 4), teeth), PIXEL / 2).planes[0]
+    teeth = np.where(np.arange(41) % 2, 0.2, 0.0) * np.ones((60, 1))  # of 39 degrees
+    options = EvennessOptions(edge=12.0)  # from tooth to tooth
+    plane = measure_evenness(grid((0, 0, 0), (10, 0, 0), (0, 0, 4), teeth), PIXEL / 2, options).planes[0]
     assert plane.interior_90 == plane.angle_90
+
+
+def test_a_plane_that_its_faces_cross_is_none_of_the_mesh() -> None:
+    """A folded sheet beside a house, 25 % of all area: every plane through it was listed, with a median of 76
+    degrees."""
+    teeth = grid((0, 9, 0), (10, 0, 0), (0, 0, 2), np.where(np.arange(200) % 2, 0.2, 0.0) * np.ones((60, 1)))
+    found = measure_evenness(joined(house(), teeth), PIXEL / 5)
+    assert len(found.planes) == 6
+    assert all(plane.angle_median < 0.02 for plane in found.planes)
+    only = measure_evenness(teeth, PIXEL / 5)
+    assert not only.planes and only.mean is None
 
 
 def test_the_same_whatever_the_seed_and_where_the_scene_lies() -> None:
@@ -109,8 +121,10 @@ def test_odd_meshes_give_figures_or_a_sentence() -> None:
     json.dumps(measure_evenness(soup, 1e-6, EvennessOptions(samples=2000)).as_dict(), allow_nan=False)
     assert Evenness(1.0, ()).as_dict()["mean"] is None
     for pixel in (0.0, np.nan, np.inf):
-        with pytest.raises(BadInput, match="larger than 0"):
+        with pytest.raises(BadInput, match=f"above 0, not {pixel:g}"):
             measure_evenness(house(), pixel)
+    with pytest.raises(BadInput, match="1 or more, not 0"):
+        measure_evenness(house(), PIXEL, EvennessOptions(samples=0))
 
 
 def test_the_pixel_is_the_median_photos(tmp_path) -> None:

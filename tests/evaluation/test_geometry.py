@@ -179,8 +179,10 @@ def test_bad_input_is_one_clear_sentence(tmp_path: Path) -> None:
     trimesh.PointCloud(np.random.default_rng(0).random((10, 3))).export(tmp_path / "cloud.ply")
     with pytest.raises(BadInput, match=r"no faces|Cannot read"):
         read_surface(tmp_path / "cloud.ply")
-    with pytest.raises(BadInput, match="larger than 0"):
-        score_surface(plane(0), plane(0), (0.0,), ComparisonOptions(10))
+    impossible = (((0.1, 0.0), 10, "above 0, not 0"), ((), 10, "no threshold"), ((0.1,), 0, "not 0"))
+    for thresholds, samples, says in impossible:
+        with pytest.raises(BadInput, match=says):
+            score_surface(plane(0), plane(0), thresholds, ComparisonOptions(samples))
     far = np.array([[90.0, 90, 90], [99, 99, 99]])
     with pytest.raises(BadInput, match="share one frame"):
         score_surface(plane(0), plane(0), (0.1,), ComparisonOptions(10, crop=far))

@@ -126,6 +126,7 @@ def test_a_job_is_measured_in_its_true_coordinates(scan: np.ndarray, tmp_path: P
         (["--scan", "scan.laz"], "Cannot read the scan"),
         (["--scan", "x.laz", "--truth", "y.ply"], "not both"),
         (["--reach", "-1", "--scan", "x.laz"], "--reach takes"),
+        (["--thresholds", "-5", "--scan", "mesh.ply"], "A threshold must be a finite distance above 0, not -5."),
         (["--picture", "x.png", "--scene", "."], "give --truth or --scan"),
     ],
 )
