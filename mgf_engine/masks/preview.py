@@ -155,8 +155,7 @@ def _only(model: SparseModel, image: SparseImage) -> SparseModel:
     """Strip the model of all other photos and the points this one did not observe."""
     points = model.points
     mine = np.flatnonzero(points.image_ids == image.id)
-    owner = np.repeat(np.arange(len(points.ids)), np.diff(points.start))[mine]
-    rows, first = np.unique(owner, return_index=True)
+    rows, first = np.unique(points.track_point[mine], return_index=True)
     kept = SparsePoints(
         points.ids[rows], points.xyz[rows], points.rgb[rows], points.errors[rows],
         np.arange(len(rows) + 1), points.image_ids[mine[first]], points.keypoint[mine[first]],

@@ -12,7 +12,6 @@ from __future__ import annotations
 import sys
 import tempfile
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +25,7 @@ from mgf_engine.scene.adjust_task import RESULT, TASK, AdjustmentTask, read_resu
 from mgf_engine.scene.colmap_bundle import (
     centres,
     colmap_camera,
-    owners,
     projection_errors,
-    sort_by_image,
     transform_model,
 )
 from mgf_engine.scene.sparse import SparseModel, check_model
@@ -101,13 +98,13 @@ def _adjusted(
     It is the median error of the observations of points that are not stray.
     """
     errors = projection_errors(model, resolution)
-    sound = ~far_points(errors, model.points.start, options)[owners(model)] & np.isfinite(errors)
+    sound = ~far_points(errors, model.points.start, options)[model.points.track_point] & np.isfinite(errors)
     before = float(np.median(errors[sound])) if sound.any() else 0.0
     chosen = choose_observations(model, sound, options)
     if before <= options.from_error or not 3 <= len(model.images) <= options.most_photos or not len(chosen):
         return before, before, model
     frame = _frame(model)
-    used = np.unique(owners(model)[chosen])
+    used = np.unique(model.points.track_point[chosen])
     task = AdjustmentTask(
         transform_model(model, frame), resolution, chosen, used, before, options.rounds, options.least_scale
     )
@@ -149,14 +146,13 @@ def choose_observations(
     Returns:
         Indices of observations, int64.
     """
-    owner = owners(model)
+    owner = model.points.track_point
     seen = np.bincount(owner[sound], minlength=len(model.points.ids))
     rank = np.empty(len(seen), np.int64)
     rank[np.argsort(-seen, kind="stable")] = np.arange(len(seen))
     taken = rank < options.most_points
-    order, bounds = sort_by_image(model)
-    for first, last in pairwise(bounds):
-        mine = order[first:last]
+    for index in range(len(model.images)):
+        mine = model.observations(index)
         own = owner[mine[sound[mine]]]
         taken[own[np.argsort(rank[own], kind="stable")[: options.points_per_photo]]] = True
     return np.flatnonzero(sound & (taken & (seen >= 2))[owner])

@@ -21,11 +21,10 @@ Indices = NDArray[np.int64]
 
 def projection_errors(model: SparseModel, resolution: int) -> Array:
     """Compute the reprojection error of each observation, working pixels, [T]; inf behind a camera."""
-    points, owner = model.points, owners(model)
+    points, owner = model.points, model.points.track_point
     distances = np.full(len(owner), np.inf)
-    order, bounds = sort_by_image(model)
     for index, image in enumerate(model.images):
-        mine = order[bounds[index] : bounds[index + 1]]
+        mine = model.observations(index)
         camera = model.cameras[image.camera_id]
         local = pose(model, index) * points.xyz[owner[mine]]
         uv = np.asarray(colmap_camera(camera).img_from_cam(local)).reshape(-1, 2)
@@ -44,7 +43,7 @@ class Bundle:
         for number, (camera, scale) in enumerate(zip(model.cameras.values(), self.scales, strict=True), start=1):
             self.reconstruction.add_camera_with_trivial_rig(colmap_camera(camera, scale, number))
         #: Numbers of the model's points that the observations are of.
-        self.used = np.unique(owners(model)[observations])
+        self.used = np.unique(model.points.track_point[observations])
         place = self._add_images(observations)
         self._add_points(observations, place)
 
@@ -53,10 +52,9 @@ class Bundle:
         numbers = {camera_id: number for number, camera_id in enumerate(self.model.cameras, start=1)}
         taken = np.zeros(len(self.model.points.image_ids), bool)
         taken[observations] = True
-        order, bounds = sort_by_image(self.model)
         place = np.zeros(len(taken), np.int64)
         for index, image in enumerate(self.model.images):
-            mine = order[bounds[index] : bounds[index + 1]]
+            mine = self.model.observations(index)
             mine = mine[taken[mine]]
             place[mine] = np.arange(len(mine))
             camera = numbers[image.camera_id]
@@ -71,7 +69,7 @@ class Bundle:
         """Add the points used with their tracks; ``place``: position of each observation in its photo's list, [T]."""
         points = self.model.points
         slots = {image.id: number for number, image in enumerate(self.model.images, start=1)}
-        owner = owners(self.model)[observations]
+        owner = points.track_point[observations]
         bounds = np.searchsorted(owner, [*self.used, np.inf])
         numbers = []
         for xyz, first, last in zip(points.xyz[self.used], bounds[:-1], bounds[1:], strict=True):
@@ -133,23 +131,6 @@ class Bundle:
         xyz = self.model.points.xyz.copy()
         xyz[self.used] = self.points()
         return replace(self.model, cameras=cameras, images=tuple(images), points=replace(self.model.points, xyz=xyz))
-
-
-def owners(model: SparseModel) -> Indices:
-    """Return the point (its index) of each observation, [T]."""
-    return np.repeat(np.arange(len(model.points.ids)), np.diff(model.points.start))
-
-
-def sort_by_image(model: SparseModel) -> tuple[Indices, Indices]:
-    """Sort the observations by image.
-
-    Returns:
-        Numbers of the observations [T], and bounds [V + 1]: image i has ``order[bounds[i]:bounds[i + 1]]``.
-    """
-    slot = {image.id: i for i, image in enumerate(model.images)}
-    view = np.array([slot[i] for i in model.points.image_ids.tolist()], np.int64)
-    order = np.argsort(view, kind="stable")
-    return order, np.searchsorted(view[order], np.arange(len(model.images) + 1))
 
 
 def pose(model: SparseModel, index: int) -> pycolmap.Rigid3d:

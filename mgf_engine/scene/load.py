@@ -257,12 +257,10 @@ def _tracks(
     model: SparseModel, photos: list[Photo]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
     """Convert observations to working pixels, those outside the working photos left out (CSR arrays)."""
-    points = model.points
-    slot = {image.id: i for i, image in enumerate(model.images)}
-    track_view = np.array([slot[i] for i in points.image_ids.tolist()], np.int32)
+    points, track_view = model.points, model.track_view
     uv = np.full((len(track_view), 2), np.nan)
     for index, (image, photo) in enumerate(zip(model.images, photos, strict=True)):
-        mine = np.flatnonzero(track_view == index)
+        mine = model.observations(index)
         observed = image.keypoints[points.keypoint[mine]]
         uv[mine] = photo.camera.keypoints(observed, model.cameras[image.camera_id])
     limit = np.array([(p.camera.width, p.camera.height) for p in photos], np.float64)

@@ -7,6 +7,7 @@ COLMAP conventions: ``camera = R @ world + t``; the centre of the top-left pixel
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NoReturn
 
@@ -76,6 +77,11 @@ class SparsePoints:
     image_ids: NDArray[np.int64]
     keypoint: NDArray[np.int64]
 
+    @cached_property
+    def track_point(self) -> NDArray[np.int64]:
+        """Index of the point of each track element, [T]."""
+        return np.repeat(np.arange(len(self.ids)), np.diff(self.start))
+
 
 @dataclass(frozen=True)
 class Rigs:
@@ -103,6 +109,25 @@ class SparseModel:
     images: tuple[SparseImage, ...]
     points: SparsePoints
     rigs: Rigs | None
+
+    @cached_property
+    def track_view(self) -> NDArray[np.int32]:
+        """Index of the image of each track element, [T]; of any image where the model has none of that id."""
+        ids = np.array([image.id for image in self.images], np.int64)
+        order = np.argsort(ids)
+        slot = np.minimum(np.searchsorted(ids[order], self.points.image_ids), len(ids) - 1)
+        return order[slot].astype(np.int32)
+
+    def observations(self, index: int) -> NDArray[np.int64]:
+        """Return the track elements of one image, ascending."""
+        order, start = self._by_view
+        return order[start[index] : start[index + 1]]
+
+    @cached_property
+    def _by_view(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The track elements in the order of their images, [T], and where each image's begin, [V + 1]."""
+        order = np.argsort(self.track_view, kind="stable")
+        return order, np.searchsorted(self.track_view[order], np.arange(len(self.images) + 1))
 
 
 def damaged(path: Path, detail: str) -> NoReturn:
@@ -231,10 +256,7 @@ def _point_of_keypoint(model: SparseModel) -> NDArray[np.int64]:
     points = model.points
     counts = np.array([len(image.point_ids) for image in model.images], np.int64)
     first = np.concatenate([[0], np.cumsum(counts)])
-    ids = np.array([image.id for image in model.images], np.int64)
-    order = np.argsort(ids)
-    slot = np.minimum(np.searchsorted(ids[order], points.image_ids), len(ids) - 1)
-    which = order[slot]
+    ids, which = np.array([image.id for image in model.images], np.int64), model.track_view
     valid = (ids[which] == points.image_ids) & (points.keypoint >= 0) & (points.keypoint < counts[which])
     everything = np.concatenate([image.point_ids for image in model.images] or [np.empty(0, np.int64)])
     result = np.full(len(points.image_ids), NO_POINT, np.int64)

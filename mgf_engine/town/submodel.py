@@ -43,8 +43,7 @@ def write_submodel(
     images = [image for image in model.images if image.name in wanted]
     points, ids = model.points, {image.id for image in images}
     here = np.isin(points.image_ids, np.array(sorted(ids), np.int64))
-    owner = np.repeat(np.arange(len(points.ids)), np.diff(points.start))
-    counts = np.bincount(owner[here], minlength=len(points.ids))
+    counts = np.bincount(points.track_point[here], minlength=len(points.ids))
     rows = np.flatnonzero(kept & (counts >= _FEWEST_VIEWS))
     _write(folder / "sparse/0/cameras.txt", _camera_lines(model, images))
     place: dict[int, NDArray[np.int64]] = {}
