@@ -202,11 +202,9 @@ def photo_consistency(
     owner, points = scene.track_point, len(scene.points)
     count = np.bincount(owner[trusted], minlength=points)
     total = np.bincount(owner[trusted], brightness[trusted], points)
-    order = np.argsort(scene.track_view, kind="stable")
-    first = np.searchsorted(scene.track_view[order], np.arange(len(scene.views) + 1))
     result = np.full(len(scene.views), np.nan)
     for index in range(len(scene.views)):
-        mine = order[first[index] : first[index + 1]]
+        mine = scene.observations(index)
         own, weight = np.unique(owner[mine], return_inverse=True)[1], trusted[mine].astype(np.float64)
         others = count[owner[mine]] - np.bincount(own, weight)[own]
         usable = others > 0.5
