@@ -176,8 +176,8 @@ class BuildingExtent:
         """Find the map pixels where cameras close by observed many accepted points and this photo hardly any."""
         view, points = self.scene.views[index], self.scene.points
         observed = self.visibility.observed(index)
-        expected = self.visibility.expected(index) & self.keep
-        rows = np.flatnonzero(expected)
+        rows = self.visibility.expected(index)
+        rows = rows[self.keep[rows]]
         uv, depth = view.project(points[rows])
         uv = uv * (w / view.width, h / view.height)
         here = (depth > 0) & (uv >= 0).all(1) & (uv[:, 0] < w) & (uv[:, 1] < h)

@@ -50,7 +50,7 @@ class PointVisibility:
         centres = np.stack([v.centre for v in scene.views])
         self._rays = scene.points[self.owner] - centres[scene.track_view]
         self._lengths = np.linalg.norm(self._rays, axis=1)
-        self._expected: dict[int, NDArray[np.bool_]] = {}
+        self._expected: dict[int, NDArray[np.int64]] = {}
 
     def observed(self, index: int) -> NDArray[np.bool_]:
         """Return points whose track goes through view ``index``, [P]."""
@@ -58,18 +58,25 @@ class PointVisibility:
         result[self.owner[self.scene.observations(index)]] = True
         return result
 
-    def expected(self, index: int) -> NDArray[np.bool_]:
-        """Return points some camera saw from nearly the same direction and distance, or view ``index`` itself, [P]."""
+    def expected(self, index: int) -> NDArray[np.int64]:
+        """Return the points in the frame of view ``index`` that it should have observed: rows, ascending, [K].
+
+        It observed them itself, or some camera did from nearly the same direction and distance.
+        """
         if index not in self._expected:
-            towards = self.scene.points - self.scene.views[index].centre
+            view, points, options = self.scene.views[index], self.scene.points, self.options
+            framed = view.project_into_frame(points, margin=-1.0)[2] & self._tracked
+            rows = np.flatnonzero(framed)
+            place = np.cumsum(framed) - 1  # of a point among these
+            towards = points[rows] - view.centre
             length = np.linalg.norm(towards, axis=1)
-            facing = np.abs((towards * self.features.normals).sum(1)) > self.options.steep * length
-            mine, (nearest, farthest) = length[self.owner], self.options.same_distance
-            cosine = np.einsum("ij,ij->i", self._rays, towards[self.owner]) / np.maximum(self._lengths * mine, 1e-12)
-            alike = (
-                (cosine > self.options.same_side) & (self._lengths > nearest * mine) & (self._lengths < farthest * mine)
-            )
-            result = np.zeros(len(self.scene.points), bool)
-            result[self.owner[alike]] = True
-            self._expected[index] = ((result & facing) | self.observed(index)) & self._tracked
+            facing = np.abs((towards * self.features.normals[rows]).sum(1)) > options.steep * length
+            seen = np.flatnonzero(framed[self.owner])
+            at = place[self.owner[seen]]
+            mine, theirs, (nearest, farthest) = length[at], self._lengths[seen], options.same_distance
+            cosine = np.einsum("ij,ij->i", self._rays[seen], towards[at]) / np.maximum(theirs * mine, 1e-12)
+            alike = (cosine > options.same_side) & (theirs > nearest * mine) & (theirs < farthest * mine)
+            result = np.zeros(len(rows), bool)
+            result[at[alike]] = True
+            self._expected[index] = rows[(result & facing) | self.observed(index)[rows]]
         return self._expected[index]

@@ -61,10 +61,10 @@ def find_contradicted_masks(
     owner = scene.track_point
     found: dict[int, float] = {}
     while True:
-        trusted = (observed != 0) & ~np.isin(scene.track_view, list(found))
-        score = np.array(
-            [_agreement(i, observed, owner, scene, trusted, options.least_points) for i in range(len(scene.views))]
-        )
+        votes = np.where(np.isin(scene.track_view, list(found)), 0, observed)
+        total = np.asarray(np.bincount(owner, votes, len(scene.points)), np.float64)
+        rows = (scene.observations(i) for i in range(len(scene.views)))
+        score = np.array([_agreement(owner[i], observed[i], votes[i], total, options.least_points) for i in rows])
         score[list(found)] = np.nan
         low = np.flatnonzero(score < options.contradicted)
         if not len(low):
@@ -91,24 +91,29 @@ def _observed_labels(scene: Scene, labels: LabelMaps, used: NDArray[np.bool_], d
 
 
 def _agreement(
-    index: int,
+    points: NDArray[np.int64],
     observed: NDArray[np.int8],
-    owner: NDArray[np.int64],
-    scene: Scene,
-    trusted: NDArray[np.bool_],
+    votes: NDArray[np.int8],
+    total: NDArray[np.float64],
     least: int,
 ) -> float:
     """Compute the agreement of a view with the majority of the trusted others, 1 (all points) to 0 (a random mask).
 
     It is sensitivity plus specificity less 1; with too few points on one side, twice the other rate less 1; NaN with
     too few points on both.
+
+    Args:
+        points: that the view observed, [N]; a point may stand twice.
+        observed: what its mask says of them, [N], see :func:`_observed_labels`.
+        votes: the same, 0 where the view is not trusted.
+        total: sum of the votes of all views on each point of the scene, [P].
+        least: number of points that are enough.
     """
-    own = scene.track_view == index
-    others = trusted & ~own
-    total = np.bincount(owner[others], observed[others], len(scene.points))
-    mine = own & (observed != 0) & (total[owner] != 0)
+    own, place = np.unique(points, return_inverse=True)
+    others = total[points] - np.bincount(place, votes, len(own))[place]
+    mine = (observed != 0) & (others != 0)
     if mine.sum() < least:
         return float("nan")
-    right, inside = np.sign(total[owner[mine]]) == observed[mine], total[owner[mine]] > 0
+    right, inside = np.sign(others[mine]) == observed[mine], others[mine] > 0
     shares = [right[side].mean() for side in (inside, ~inside) if side.sum() >= least]
     return float(2 * np.mean(shares) - 1) if shares else float("nan")
