@@ -20,6 +20,7 @@ from mgf_engine.drawings.quantities import (
 from mgf_engine.drawings.sheets import Sheet, choose_scale, fitting_scale, north_in, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.drawings.work import Work
+from mgf_engine.files.html_section import replace_section
 from mgf_engine.masks.store import write_image
 
 FORMAT = 1  # of drawings.json
@@ -30,8 +31,6 @@ BEGIN, END = "<!-- quantities -->", "<!-- /quantities -->"
 def add_to_report(work: Work, job: Path) -> None:
     """Put the quantities into the job's report, in the place of those of an earlier run."""
     from jinja2 import Environment, FileSystemLoader
-
-    from mgf_engine.georef.report import replace_section
 
     report = job / "report.html"
     if not report.is_file():

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from mgf_engine.georef.bundle import PlacedControl, adjust_to_control
 from mgf_engine.georef.control import read_control
-from mgf_engine.georef.doubts import check_marks, check_points
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points
+from mgf_engine.georef.validation import check_marks, check_points
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.config import Config

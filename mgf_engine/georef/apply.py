@@ -8,12 +8,13 @@ from typing import Any
 
 from mgf_engine.errors import BadInput
 from mgf_engine.files.atomic import write_json
+from mgf_engine.files.html_section import replace_section
 from mgf_engine.geometry.mesh_files import IMAGE, read_texture
 from mgf_engine.georef.export import write_georeferenced
 from mgf_engine.georef.find import GeoreferenceFit, find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
-from mgf_engine.georef.report import georeference_figures, georeference_html, replace_section
+from mgf_engine.georef.report import BEGIN, END, georeference_figures, georeference_html
 from mgf_engine.jobs.job import Job
 from mgf_engine.jobs.results import load_mesh, load_scene_of
 from mgf_engine.jobs.runs import current_run, delivered
@@ -59,7 +60,7 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     texture = read_texture(job.folder) if (job.folder / IMAGE).exists() else None
     write_georeference(fit.georeference, job.folder)
     write_models(job, mesh, fit, texture)
-    replace_section(job.path("report.html"), georeference_html(fit, scene))
+    replace_section(job.path("report.html"), georeference_html(fit, scene), BEGIN, END)
     figures = json.loads(job.path("report.json").read_text(encoding="utf-8"))
     write_json(job.path("report.json"), {**figures, "georeference": plain(fit)})
     run = current_run(job.folder)

@@ -212,7 +212,7 @@ def _known_points(
 
 def _with_points(model: SparseModel, known: Sequence[AdjustedControlPoint]) -> tuple[SparseModel, int]:
     """Return the model with the control points as its last points, and where their observations begin."""
-    points, extra = model.points, {index: [] for index in range(len(model.images))}  # type: ignore[var-annotated]
+    points, extra = model.points, {index: list[Array]() for index in range(len(model.images))}
     image_ids, keypoint, counts = [], [], []
     for item in known:
         for index, pixel in item.marks:

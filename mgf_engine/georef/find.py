@@ -16,14 +16,14 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.bars import BarRow, measure_bars, read_bars
 from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, read_marks
 from mgf_engine.georef.crs import AUTO, ProjectedCrs, to_enu
-from mgf_engine.georef.doubts import check_marks, check_points, wrong_marks
 from mgf_engine.georef.fit_control import ControlFit, fit_control
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS, GpsFit, fit_gps
-from mgf_engine.georef.gps import Place, read_place
+from mgf_engine.georef.gps import GpsPosition, read_gps_position
 from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import Direction, matrix_of
 from mgf_engine.georef.triangulate import TriangulatedPoint, place_points
+from mgf_engine.georef.validation import check_marks, check_points, wrong_marks
 from mgf_engine.model.scene import Scene, Similarity
 from mgf_engine.scene.gravity import UpDirection, find_up
 
@@ -67,18 +67,18 @@ def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable
     Raises:
         BadInput: what the user gave cannot be used; photos without GPS, or with one that does not fit, are no reason.
     """
-    places = [read_place(Path(v.photo), options.position.accuracy) if v.photo else None for v in scene.views]
-    up = find_up(scene, [None if p is None else p.up for p in places], options=options.gravity)
+    positions = [read_gps_position(Path(v.photo), options.position.accuracy) if v.photo else None for v in scene.views]
+    up = find_up(scene, [None if p is None else p.up for p in positions], options=options.gravity)
     if options.gps == "off":
-        places = [None] * len(places)
-    known = np.array([[p.latitude, p.longitude, p.height] for p in places if p is not None]).reshape(-1, 3)
+        positions = [None] * len(positions)
+    known = np.array([[p.latitude, p.longitude, p.height] for p in positions if p is not None]).reshape(-1, 3)
     control, placed, failed = _marked(scene, options, warn)
     projection = _projection(options, control, known)
     if control.points:
         check_points(control.points, projection, known if len(known) >= MIN_GPS_POSITIONS else None)
         fit = _by_control(scene, control, placed, failed, projection, up, options)
     else:
-        fit = _without_control(scene, places, known, projection, up, options, warn)
+        fit = _without_control(scene, positions, known, projection, up, options, warn)
     if options.scale_bars:
         fit = _with_bars(scene, fit, placed, options)
     for text in fit.notes:
@@ -163,7 +163,7 @@ def _by_control(
 
 def _without_control(
     scene: Scene,
-    places: list[Place | None],
+    positions: list[GpsPosition | None],
     known: Array,
     projection: ProjectedCrs | None,
     up: UpDirection,
@@ -174,7 +174,7 @@ def _without_control(
 
     Args:
         scene: cameras of the photos.
-        places: GPS of each photo, None without.
+        positions: GPS of each photo, None without.
         known: latitude, longitude and height of those with GPS, [N, 3].
         projection: that is wanted; None for a local frame.
         up: direction up in the scene.
@@ -182,13 +182,13 @@ def _without_control(
         warn: takes a sentence about GPS that does not fit.
 
     Raises:
-        BadInput: a CRS is wanted, and no GPS places the scene.
+        BadInput: a CRS is wanted, and no GPS tells where the scene is.
     """
     reason = ""
     if len(known):
-        fit, offset = _by_gps(scene, places, known, projection, up, options)
+        fit, offset = _by_gps(scene, positions, known, projection, up, options)
         if isinstance(fit, GpsFit):
-            return _gps_fit(scene, places, fit, offset, projection, up)
+            return _gps_fit(scene, positions, fit, offset, projection, up)
         reason = fit
         if len(known) >= MIN_GPS_POSITIONS:
             warn(
@@ -204,7 +204,7 @@ def _without_control(
 
 def _by_gps(
     scene: Scene,
-    places: list[Place | None],
+    positions: list[GpsPosition | None],
     known: Array,
     projection: ProjectedCrs | None,
     up: UpDirection,
@@ -212,7 +212,7 @@ def _by_gps(
 ) -> tuple[GpsFit | str, Array]:
     """Place cameras on their GPS, and return what was taken off easting and northing (with a CRS) or latitude and
     longitude."""
-    centres = np.array([v.centre for v, p in zip(scene.views, places, strict=True) if p is not None])
+    centres = np.array([v.centre for v, p in zip(scene.views, positions, strict=True) if p is not None])
     middle = np.median(known, axis=0) * (1, 1, 0)
     if projection is None:
         middle = np.round(middle, 6)
@@ -227,12 +227,12 @@ def _by_gps(
         offset = np.round(np.median(targets, axis=0)) * (1, 1, 0)
         targets = targets - offset
     direction = Direction(up.vector, up.sd)
-    return fit_gps(centres, targets, [p for p in places if p is not None], direction, options.position), offset
+    return fit_gps(centres, targets, [p for p in positions if p is not None], direction, options.position), offset
 
 
 def _gps_fit(
     scene: Scene,
-    places: list[Place | None],
+    positions: list[GpsPosition | None],
     fit: GpsFit,
     offset: Array,
     projection: ProjectedCrs | None,
@@ -242,14 +242,14 @@ def _gps_fit(
 
     Args:
         scene: of the job.
-        places: GPS of each photo, None without.
+        positions: GPS of each photo, None without.
         fit: cameras aligned to it.
         offset: origin of the fit's metres: in the projection, or latitude, longitude and height without one.
         projection: None for a local frame.
         up: direction up in the scene.
     """
-    views = tuple(i for i, p in enumerate(places) if p is not None)
-    mostly = np.mean([p.ellipsoidal for p in places if p is not None]) > 0.5
+    views = tuple(i for i, p in enumerate(positions) if p is not None)
+    mostly = np.mean([p.ellipsoidal for p in positions if p is not None]) > 0.5
     height_kind = "ellipsoidal (WGS 84)" if mostly else "as the photos' GPS has them, mostly above sea level"
     notes: tuple[str, ...] = ()
     if projection is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CONTROL, Point
 from mgf_engine.georef.options import ControlPointOptions
-from mgf_engine.georef.similarity import LINE, adjusted, applied, consensus, straightness, umeyama
+from mgf_engine.georef.similarity import LINE, find_inliers, refine_similarity, straightness, transform_points, umeyama
 from mgf_engine.georef.triangulate import TriangulatedPoint
 from mgf_engine.model.scene import Scene
 
@@ -105,7 +105,7 @@ def fit_control(
         raise BadInput(_misfit_text(source, target, sd, own, up, options))
     marks = [mark_error(scene, placed[p.name], max(options.mark_accuracy, placed[p.name].rms)) for p in own]
     pixel = np.array(marks)[:, None] * np.cbrt(np.linalg.det(matrix[:3, :3]))
-    matrix = adjusted(matrix, source[good], target[good], np.hypot(sd, pixel)[good])
+    matrix = refine_similarity(matrix, source[good], target[good], np.hypot(sd, pixel)[good])
     used = {p.name for p, ok in zip(own, good, strict=True) if ok}
     return ControlFit(matrix, offset, control_rows(points, placed, failed, matrix, offset, used))
 
@@ -135,10 +135,10 @@ def control_rows(
             note = failed.get(p.name, "not marked in any photo")
             rows.append(ControlRow(p, (np.nan, np.nan, np.nan), np.nan, 0, False, note))
             continue
-        x, y, z = (applied(matrix, found.position) + offset - p.position).tolist()
+        x, y, z = (transform_points(matrix, found.position) + offset - p.position).tolist()
         note = ""
         if p.role == CONTROL and p.name not in used:
-            at = applied(matrix, found.position) + offset
+            at = transform_points(matrix, found.position) + offset
             note = "does not fit the others, left out" + _place_of_another(p, at, points)
         photos = len({mark.view for mark in found.marks})
         rows.append(ControlRow(p, (x, y, z), found.rms, photos, p.name in used, note))
@@ -158,7 +158,7 @@ def _fit(source: Array, target: Array, sd: Array, options: ControlPointOptions) 
     """Return the similarity, and which points it explains, bool [N]; all False where it explains fewer than three."""
     extent = float(np.linalg.norm(np.ptp(target, axis=0)))
     tolerance = np.maximum(options.outlier * np.sqrt((sd**2).sum(1)), options.tolerated * extent)
-    good = consensus(source, target, tolerance)
+    good = find_inliers(source, target, tolerance)
     if good.sum() < 3 or straightness(target[good]) < LINE:
         return umeyama(source, target), np.zeros(len(source), bool)
     return umeyama(source[good], target[good]), good
@@ -183,7 +183,7 @@ def _misfit_text(
             "heights, and that east, north and height stand in their columns."
         )
     matrix = umeyama(source, target)
-    away = np.linalg.norm(applied(matrix, source) - target, axis=1)
+    away = np.linalg.norm(transform_points(matrix, source) - target, axis=1)
     worst = points[int(np.argmax(away))].name
     extent = float(np.linalg.norm(np.ptp(target, axis=0)))
     return (

@@ -8,9 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.georef.gps import Place
+from mgf_engine.georef.gps import GpsPosition
 from mgf_engine.georef.options import GpsFitOptions
-from mgf_engine.georef.similarity import LINE, Direction, adjusted, applied, consensus, straightness, umeyama
+from mgf_engine.georef.similarity import (
+    LINE,
+    Direction,
+    find_inliers,
+    refine_similarity,
+    straightness,
+    transform_points,
+    umeyama,
+)
 
 Array = NDArray[np.float64]
 MIN_GPS_POSITIONS = 4  # positions: three give a similarity, the fourth checks it
@@ -22,7 +30,7 @@ class GpsFit:
 
     Attributes:
         matrix: similarity [4, 4] to metres.
-        used: the places that agree, bool [N].
+        used: the positions that agree, bool [N].
         residuals: camera less place, [N, 3].
     """
 
@@ -37,32 +45,36 @@ class GpsFit:
 
 
 def fit_gps(
-    centres: Array, targets: Array, places: list[Place], up: Direction, options: GpsFitOptions = GpsFitOptions()
+    centres: Array,
+    targets: Array,
+    positions: list[GpsPosition],
+    up: Direction,
+    options: GpsFitOptions = GpsFitOptions(),
 ) -> GpsFit | str:
     """Fit the similarity from camera centres to the GPS of their photos.
 
     Args:
         centres: of the cameras [N, 3], normalised frame.
         targets: their GPS positions [N, 3], metres.
-        places: the same as the photos give them, for their accuracy.
+        positions: the same as the photos give them, for their accuracy.
         up: a direction of the cameras' frame that is up.
         options: limits of the fit.
 
     Returns:
         The fit, or why there is none, as the end of a sentence.
     """
-    if len(places) < MIN_GPS_POSITIONS:
-        return f"only {len(places)} photos have one"
-    sd = np.array([[p.sd[0], p.sd[0], p.sd[1]] for p in places])
-    known = sd[:, 2] < 1e3
+    if len(positions) < MIN_GPS_POSITIONS:
+        return f"only {len(positions)} photos have one"
+    sd = np.array([[p.sd[0], p.sd[0], p.sd[1]] for p in positions])
+    known = np.array([p.has_height for p in positions])
     if known.sum() < MIN_GPS_POSITIONS:
         return "they have no heights"
     if straightness(targets[known] * (1, 1, 0)) < LINE:
         return "they lie on a line"
     tolerance = options.outlier * np.sqrt((sd**2).sum(1))
     for wider in options.widening:
-        good = np.zeros(len(places), bool)
-        good[known] = consensus(centres[known], targets[known], wider * tolerance[known])
+        good = np.zeros(len(positions), bool)
+        good[known] = find_inliers(centres[known], targets[known], wider * tolerance[known])
         if good.sum() >= max(MIN_GPS_POSITIONS, options.agreeing * known.sum()):
             break
     else:
@@ -88,8 +100,8 @@ def _checked(
     """
     matrix = umeyama(centres[good], targets[good])
     for _ in range(2):  # once with what photos say of their accuracy, once with what it turned out to be
-        matrix = adjusted(matrix, centres[good], targets[good], sd[good], up)
-        residuals = applied(matrix, centres) - targets
+        matrix = refine_similarity(matrix, centres[good], targets[good], sd[good], up)
+        residuals = transform_points(matrix, centres) - targets
         worse = float(np.sqrt(((residuals[good] / sd[good]) ** 2).mean()))
         sd = sd * max(1.0, worse)
     level = (targets[good] - targets[good].mean(0))[:, :2]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Read the GPS positions of photos: EXIF, and XMP of DJI drones with the accuracy of RTK.
 
-Headers only are read. What is not there, or no number, is passed over: photos without a place are usual.
+Headers only are read. What is not there, or no number, is passed over: photos without GPS are usual.
 """
 
 from __future__ import annotations
@@ -14,16 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
+from PIL.ExifTags import GPS, IFD
 
 from mgf_engine.georef.options import GpsFitOptions
 
-_GPS_IFD = 0x8825
-_ALTITUDE_REF, _ALTITUDE, _ERROR = 5, 6, 31
+_UNKNOWN = 1e4  # m, standard deviation of a height that is not given
+_KNOWN = 1e3  # m, that of one from which it tells nothing
 _FIXED = "50"  # DJI's RtkFlag: the ambiguities are solved
 
 
 @dataclass(frozen=True)
-class Place:
+class GpsPosition:
     """Where a photo was taken.
 
     Attributes:
@@ -43,8 +44,13 @@ class Place:
     rtk: bool = False
     up: tuple[float, float, float] | None = None
 
+    @property
+    def has_height(self) -> bool:
+        """Whether the height tells anything."""
+        return self.sd[1] < _KNOWN
 
-def read_place(path: Path, accuracy: tuple[float, float] = GpsFitOptions.accuracy) -> Place | None:
+
+def read_gps_position(path: Path, accuracy: tuple[float, float] = GpsFitOptions.accuracy) -> GpsPosition | None:
     """Read where a photo was taken; None without GPS, or where the file cannot be read.
 
     Args:
@@ -56,34 +62,34 @@ def read_place(path: Path, accuracy: tuple[float, float] = GpsFitOptions.accurac
             warnings.simplefilter("ignore")
             with Image.open(path) as image:
                 packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
-                gps = dict(image.getexif().get_ifd(_GPS_IFD))
+                gps = dict(image.getexif().get_ifd(IFD.GPSInfo))
     except Exception:  # whatever a damaged header makes the reader raise
         return None
     xmp = read_xmp(packet)
-    place = _place(gps, xmp, accuracy)
-    return place if place is not None and _possible(place) else None
+    position = _position(gps, xmp, accuracy)
+    return position if position is not None and _possible(position) else None
 
 
-def _place(gps: dict[int, Any], xmp: dict[str, str], accuracy: tuple[float, float]) -> Place | None:
+def _position(gps: dict[int, Any], xmp: dict[str, str], accuracy: tuple[float, float]) -> GpsPosition | None:
     """Combine EXIF's GPS and the XMP of DJI, which takes precedence; None without latitude and longitude."""
-    latitude = _first(_number(xmp.get("GpsLatitude")), _degrees(gps.get(2), gps.get(1), "S"))
+    latitude = _first(_number(xmp.get("GpsLatitude")), _degrees(gps, GPS.GPSLatitude, "S"))
     longitude = _first(
-        _number(xmp.get("GpsLongitude")), _number(xmp.get("GpsLongtitude")), _degrees(gps.get(4), gps.get(3), "W")
+        _number(xmp.get("GpsLongitude")), _number(xmp.get("GpsLongtitude")), _degrees(gps, GPS.GPSLongitude, "W")
     )
     if latitude is None or longitude is None:
         return None
     height = _first(_number(xmp.get("AbsoluteAltitude")), _altitude(gps))
     rtk = xmp.get("RtkFlag") == _FIXED
-    error = _number(gps.get(_ERROR))
+    error = _number(gps.get(GPS.GPSHPositioningError))
     sd = (error, 2 * error) if error else accuracy
     across = [_number(xmp.get(name)) for name in ("RtkStdLat", "RtkStdLon")]
     along = _number(xmp.get("RtkStdHgt"))
     if across[0] and across[1] and along:
         sd = (max(across[0], across[1]), along)
     if height is None:
-        height, sd = 0.0, (sd[0], 1e4)  # it counts for nothing
+        height, sd = 0.0, (sd[0], _UNKNOWN)
     ellipsoidal = rtk or xmp.get("AltitudeType", "").lower().startswith("rtk")
-    return Place(latitude, longitude, height, sd, ellipsoidal, rtk, _up(xmp))
+    return GpsPosition(latitude, longitude, height, sd, ellipsoidal, rtk, _up(xmp))
 
 
 def _up(xmp: dict[str, str]) -> tuple[float, float, float] | None:
@@ -118,8 +124,11 @@ def _local(name: str) -> str:
     return name.rsplit("}", 1)[-1]
 
 
-def _degrees(parts: Any, reference: Any, negative: str) -> float | None:
-    """Convert degrees, minutes and seconds of EXIF to one signed number."""
+def _degrees(gps: dict[int, Any], tag: GPS, negative: str) -> float | None:
+    """Read a latitude or longitude of EXIF, given as degrees, minutes and seconds; ``negative``: reference of those
+    below zero, which stands in the tag before."""
+    parts: Any = gps.get(tag)
+    reference = gps.get(tag - 1)
     try:
         degrees, minutes, seconds = ([float(part) for part in parts] + [0.0, 0.0])[:3]
     except (TypeError, ValueError, ZeroDivisionError):
@@ -130,7 +139,7 @@ def _degrees(parts: Any, reference: Any, negative: str) -> float | None:
 
 
 def _altitude(gps: dict[int, Any]) -> float | None:
-    height, reference = _number(gps.get(_ALTITUDE)), gps.get(_ALTITUDE_REF)
+    height, reference = _number(gps.get(GPS.GPSAltitude)), gps.get(GPS.GPSAltitudeRef)
     below = reference in (1, b"\x01", b"1", "1")
     return None if height is None else -height if below else height
 
@@ -147,7 +156,7 @@ def _first(*values: float | None) -> float | None:
     return next((value for value in values if value is not None), None)
 
 
-def _possible(place: Place) -> bool:
+def _possible(position: GpsPosition) -> bool:
     """Tell whether a position can be one: receivers without a fix write zeros."""
-    known = abs(place.latitude) <= 90 and abs(place.longitude) <= 180 and abs(place.height) < 20_000
-    return known and (abs(place.latitude) > 1e-9 or abs(place.longitude) > 1e-9)
+    known = abs(position.latitude) <= 90 and abs(position.longitude) <= 180 and abs(position.height) < 20_000
+    return known and (abs(position.latitude) > 1e-9 or abs(position.longitude) > 1e-9)

@@ -22,7 +22,7 @@ from mgf_engine.georef.crs import ProjectedCrs, to_enu
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
-from mgf_engine.georef.similarity import applied
+from mgf_engine.georef.similarity import transform_points
 from mgf_engine.georef.triangulate import TriangulatedPoint, place_points, project_point
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene, View
@@ -107,7 +107,7 @@ def known_places(
             away = [row.distance for row in fit.rows if row.used]
             off = max(away) / float(np.cbrt(np.linalg.det(fit.matrix[:3, :3])))
             for point in control.points:
-                place = applied(back, np.array(point.position) - fit.offset)
+                place = transform_points(back, np.array(point.position) - fit.offset)
                 found[point.name] = np.asarray(place), OTHERS, off
     for name, own_marks in placed.items():
         found[name] = own_marks.position, MARKS, 0.0

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.files.atomic import atomic_path
 from mgf_engine.georef.control import CHECK, CONTROL
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.fit_control import ControlRow
@@ -66,24 +65,6 @@ def _rmse(fit: GeoreferenceFit) -> Iterator[tuple[str, NDArray[np.float64], floa
         rms = None if fit.control is None else fit.control.rms(role)
         if rms is not None:
             yield role, rms, float(np.sqrt((rms**2).sum()))
-
-
-def replace_section(page: Path, html: str, begin: str = BEGIN, end: str = END) -> None:
-    """Put a new section into a finished page, in the place of the old one; before its end where it has none.
-
-    Args:
-        page: the HTML file.
-        html: from its mark ``begin`` to its mark ``end``, by which the next one finds it.
-        begin: mark at the section's beginning.
-        end: mark at its end.
-    """
-    text = page.read_text(encoding="utf-8")
-    first, last = text.find(begin), text.find(end)
-    if first < 0 or last < first:
-        first = last = text.rfind("</main>")
-        html, last = html + "\n", last - len(end)
-    with atomic_path(page) as temporary:
-        temporary.write_text(text[:first] + html + text[last + len(end) :], encoding="utf-8")
 
 
 def facts(fit: GeoreferenceFit) -> list[tuple[str, str]]:

@@ -46,7 +46,7 @@ def matrix_of(scale: float, rotation: Array, translation: Array) -> Array:
     return matrix
 
 
-def applied(matrix: Array, points: Array) -> Array:
+def transform_points(matrix: Array, points: Array) -> Array:
     """Return points [..., 3] after a similarity [4, 4]."""
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
@@ -58,8 +58,8 @@ def straightness(points: Array) -> float:
     return float(spreads[1] / spreads[0]) if len(spreads) > 1 and spreads[0] > 0 else 0.0
 
 
-def consensus(source: Array, target: Array, tolerance: Array, seed: int = 0) -> NDArray[np.bool_]:
-    """Return points [N] that one similarity explains within ``tolerance`` [N]: the largest such set that was found.
+def find_inliers(source: Array, target: Array, tolerance: Array, seed: int = 0) -> NDArray[np.bool_]:
+    """Find by RANSAC the points [N] that one similarity explains within ``tolerance`` [N]: the largest such set.
 
     All triples are tried while there are few, else a fixed number of random ones; triples on a line are passed over.
 
@@ -79,14 +79,15 @@ def consensus(source: Array, target: Array, tolerance: Array, seed: int = 0) -> 
     for triple in triples:
         if straightness(target[triple]) < LINE or straightness(source[triple]) < LINE:
             continue
-        away = np.linalg.norm(applied(umeyama(source[triple], target[triple]), source) - target, axis=1) / tolerance
+        found = umeyama(source[triple], target[triple])
+        away = np.linalg.norm(transform_points(found, source) - target, axis=1) / tolerance
         now = float(np.minimum(away, 1.0) @ np.minimum(away, 1.0))  # MSAC: how well counts as well as how many
         if now < cost:
             best, cost = away < 1.0, now
     return best
 
 
-def adjusted(matrix: Array, source: Array, target: Array, sd: Array, up: Direction | None = None) -> Array:
+def refine_similarity(matrix: Array, source: Array, target: Array, sd: Array, up: Direction | None = None) -> Array:
     """Return the similarity improved by least squares of residuals over their accuracies.
 
     Args:
@@ -100,7 +101,7 @@ def adjusted(matrix: Array, source: Array, target: Array, sd: Array, up: Directi
 
     middle = source.mean(0)  # turns and scales about it, so that the seven numbers hardly depend on each other
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
-    rotation, place = matrix[:3, :3] / scale, applied(matrix, middle)
+    rotation, place = matrix[:3, :3] / scale, transform_points(matrix, middle)
 
     def unpacked(x: Array) -> Array:
         grown, turned = scale * np.exp(x[6]), Rotation.from_rotvec(x[3:6]).as_matrix() @ rotation
@@ -108,7 +109,7 @@ def adjusted(matrix: Array, source: Array, target: Array, sd: Array, up: Directi
 
     def residuals(x: Array) -> Array:
         now = unpacked(x)
-        rows = [((applied(now, source) - target) / sd).ravel()]
+        rows = [((transform_points(now, source) - target) / sd).ravel()]
         if up is not None:
             turned = now[:3, :3] @ up.source
             rows.append(turned[:2] / np.linalg.norm(turned) / up.sd)

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from mgf_engine.georef.report import replace_section
+from mgf_engine.files.html_section import replace_section
 from mgf_engine.models.work import Work
 
 MARKS = "<!-- models -->", "<!-- /models -->"

@@ -17,7 +17,7 @@ from mgf_engine.errors import BadInput, reason
 from mgf_engine.georef.crs import AUTO, normalise_crs, proj
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS
-from mgf_engine.georef.gps import read_place
+from mgf_engine.georef.gps import read_gps_position
 from mgf_engine.georef.model import METRE, Georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.similarity import LINE, straightness, umeyama
@@ -129,7 +129,7 @@ def _located(scene: Scene, config: Config) -> bool:
         return False
     found = 0
     for view in scene.views:
-        found += bool(view.photo) and read_place(Path(view.photo)) is not None
+        found += bool(view.photo) and read_gps_position(Path(view.photo)) is not None
         if found >= MIN_GPS_POSITIONS:
             return True
     return False

@@ -15,7 +15,7 @@ from benchmarks.town import FOOTPRINT_ERROR, ORIGIN, make_town
 from benchmarks.town_houses import HOUSES, moved, parts_of
 from benchmarks.town_scores import main as score_town
 from benchmarks.town_scores import make_clicks
-from mgf_engine.georef.gps import read_place
+from mgf_engine.georef.gps import read_gps_position
 from mgf_engine.scene.colmap import read_model
 
 
@@ -23,7 +23,7 @@ def test_a_painted_town_has_photos_masks_cameras_and_a_map(tmp_path: Path) -> No
     make_town(tmp_path, 20, 120, None, 1, painted=True)
     model = read_model(tmp_path / "sparse/0")
     assert len(model.images) == 20 and len(model.points.ids) > 300
-    assert all(read_place(tmp_path / "images" / image.name) is not None for image in model.images)
+    assert all(read_gps_position(tmp_path / "images" / image.name) is not None for image in model.images)
     masks = {h.id: [cv2.imread(str(p), 0) for p in sorted((tmp_path / "buildings" / h.id / "masks").iterdir())]
              for h in HOUSES}  # fmt: skip
     assert all(max((m > 0).mean() for m in own) > 0.02 for own in masks.values())

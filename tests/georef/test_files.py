@@ -12,7 +12,7 @@ from support.survey_site import CRS, ORIGIN, write_photo
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CHECK, CONTROL, read_control
 from mgf_engine.georef.export import write_georeferenced
-from mgf_engine.georef.gps import read_place
+from mgf_engine.georef.gps import read_gps_position
 from mgf_engine.georef.model import METRE, Georeference, read_georeference
 from mgf_engine.model.mesh import Mesh
 
@@ -66,11 +66,11 @@ def test_a_drone_tells_its_place_and_accuracy(tmp_path):
         f'<rdf:Description xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {inside}/></rdf:RDF></x:xmpmeta>'
     )
     write_photo(tmp_path / "a.jpg", -33.85, -70.5, 12.0, xmp)
-    place = read_place(tmp_path / "a.jpg")
+    place = read_gps_position(tmp_path / "a.jpg")
     assert (place.latitude, place.longitude) == pytest.approx((-33.85, -70.5), abs=1e-7)
     assert place.rtk and place.ellipsoidal and place.height == 567.25 and place.sd == (0.014, 0.03)
     assert np.allclose(place.up, (0, 0, -1))
-    assert read_place(tmp_path / "none.jpg") is None
+    assert read_gps_position(tmp_path / "none.jpg") is None
 
 
 def test_every_file_leads_back_to_utm_within_a_millimetre(tmp_path):

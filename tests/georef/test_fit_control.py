@@ -14,7 +14,7 @@ from support.small_scene import make_scene
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control import CHECK, CONTROL, Mark, Point
 from mgf_engine.georef.fit_control import ControlFit, control_rows, fit_control, mark_error
-from mgf_engine.georef.similarity import applied, matrix_of
+from mgf_engine.georef.similarity import matrix_of, transform_points
 from mgf_engine.georef.triangulate import TriangulatedPoint
 from mgf_engine.model.scene import Scene
 
@@ -40,7 +40,7 @@ MARKED = {name: placed(name, at) for name, at in zip(NAMES, PLACES, strict=True)
 
 def points(**moves: tuple[float, float, float]) -> list[Point]:
     """The true control points, some of them moved by metres."""
-    world = applied(TRUE, PLACES) + OFFSET
+    world = transform_points(TRUE, PLACES) + OFFSET
     return [Point(n, tuple((at + moves.get(n, (0, 0, 0))).tolist())) for n, at in zip(NAMES, world, strict=True)]
 
 
@@ -75,8 +75,8 @@ def test_swapped_columns_wrong_heights_and_wrong_marks_are_told_apart() -> None:
 
 def test_exact_points_give_the_similarity() -> None:
     found = fit(points())
-    world = applied(found.matrix, PLACES) + found.offset
-    np.testing.assert_allclose(world, applied(TRUE, PLACES) + OFFSET, atol=1e-6)
+    world = transform_points(found.matrix, PLACES) + found.offset
+    np.testing.assert_allclose(world, transform_points(TRUE, PLACES) + OFFSET, atol=1e-6)
     np.testing.assert_allclose(found.matrix[:3, :3], TRUE[:3, :3], atol=1e-8)
     assert found.offset[2] == 0 and (found.offset % 1 == 0).all()
     assert found.rms(CHECK) is None and (found.rms(CONTROL) < 1e-6).all()

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS, GpsFit, fit_gps
-from mgf_engine.georef.gps import Place
-from mgf_engine.georef.similarity import Direction, applied, matrix_of
+from mgf_engine.georef.gps import GpsPosition
+from mgf_engine.georef.similarity import Direction, matrix_of, transform_points
 
 TRUE = matrix_of(4.0, Rotation.from_rotvec([0, 0, -0.7]).as_matrix(), np.array([30.0, -8.0, 200.0]))
 UP = Direction(np.array([0.0, 0.0, 1.0]), 0.02)
@@ -23,8 +23,8 @@ def fit(
     sd: tuple[float, float] = (3.0, 6.0),
     up: Direction = UP,
 ) -> GpsFit | str:
-    places = [Place(0.0, 0.0, 0.0, sd)] * len(centres)
-    return fit_gps(centres, applied(TRUE, centres) + errors, places, up)
+    places = [GpsPosition(0.0, 0.0, 0.0, sd)] * len(centres)
+    return fit_gps(centres, transform_points(TRUE, centres) + errors, places, up)
 
 
 @pytest.mark.parametrize(
