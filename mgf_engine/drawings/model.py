@@ -113,6 +113,11 @@ class Survey:
         return face_normals(self.mesh)
 
     @cached_property
+    def normals_normalised(self) -> Array:
+        """The same in the normalised frame, [F, 3]."""
+        return self.turn_to_normalised(self.normals)
+
+    @cached_property
     def areas(self) -> Array:
         """Areas of the faces, [F]."""
         return face_areas(self.mesh)
@@ -134,6 +139,11 @@ class Survey:
     def normalise(self, points: Array) -> Array:
         """Convert local frame of the drawings [..., 3] to normalised frame [..., 3]."""
         return self.scene.to_normalised.apply(self.georeference.scene(points @ self.turn))
+
+    def turn_to_normalised(self, directions: Array) -> Array:
+        """Convert directions of the local frame of the drawings [..., 3] to the normalised frame [..., 3]."""
+        turn = self.turn @ self.georeference.rotation @ self.scene.to_normalised.rotation.T
+        return np.asarray(directions @ turn)
 
     def world(self, points: Array) -> Array:
         """Convert the points of the local frame of the drawings [..., 3] to coordinates of the CRS, or of the scene

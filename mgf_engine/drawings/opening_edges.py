@@ -76,13 +76,12 @@ class EdgePhotos:
 
 def edge_photos(survey: Survey, painting: Painting, visibility: Visibility) -> EdgePhotos:
     """Return the photos that paint a survey's orthophotos, at their working size."""
-    turn = survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T
     return EdgePhotos(
         painting.views,
         lambda k: survey.scene.photo(painting.chosen[k]),
         lambda k, points, normals: visibility(k, points, normals)[0] > 0,
         survey.normalise,
-        lambda normal: normal @ turn,
+        survey.turn_to_normalised,
     )
 
 

@@ -145,13 +145,12 @@ def _shown(
     survey: Survey, visibility: Visibility, seen: GridBuffers, view: int, pixel: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return :class:`Visibility` of what pixels see, [n]; in chunks, to keep memory small."""
-    turned = survey.normals @ (survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T)
     face, size, clear = seen.face.ravel(), np.empty(len(pixel)), np.empty(len(pixel), bool)
     for start in range(0, len(pixel), 1 << 20):
         chunk = pixel[start : start + (1 << 20)]
         points = survey.normalise(seen.points(chunk))
         part = slice(start, start + len(chunk))
-        size[part], clear[part] = visibility(view, points, turned[face[chunk]])
+        size[part], clear[part] = visibility(view, points, survey.normals_normalised[face[chunk]])
     return size, clear
 
 

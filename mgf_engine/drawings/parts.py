@@ -55,8 +55,7 @@ def part_shares(
     if not survey.parts or not len(pixel):
         return {}
     points = survey.normalise(seen.points(pixel))
-    turned = survey.normals @ (survey.turn @ survey.georeference.rotation @ survey.scene.to_normalised.rotation.T)
-    facing = turned[seen.face.ravel()[pixel]]
+    facing = survey.normals_normalised[seen.face.ravel()[pixel]]
     total = np.zeros(len(pixel), np.float32)
     votes = {name: np.zeros(len(pixel), np.float32) for name in survey.parts}
     showing = {view for elements in survey.parts.values() for view in elements}
@@ -72,7 +71,7 @@ def part_shares(
         total[rows] += weight
         for name, elements in survey.parts.items():
             shown = np.isin(survey.masks.labels[view], elements.get(view, [])).astype(np.float32)
-            votes[name][rows] += weight * _between(shown, at)
+            votes[name][rows] += weight * _interpolate(shown, at)
     result = {}
     for name, vote in votes.items():
         share = np.zeros(seen.face.size, np.float32)
@@ -126,7 +125,7 @@ def layer_of(name: str) -> str:
     return PART + (re.sub(r"[^A-Z0-9_-]+", "_", name.upper()).strip("_") or "OTHER")
 
 
-def _between(image: NDArray[np.float32], at: Array) -> NDArray[np.float32]:
+def _interpolate(image: NDArray[np.float32], at: Array) -> NDArray[np.float32]:
     """Return the values of an image [H, W] at pixels [n, 2], linear between centres, [n]."""
     rows = max(1, -(-len(at) // 4096))
     maps = np.zeros((rows * 4096, 2), np.float32)
