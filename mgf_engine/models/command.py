@@ -77,7 +77,7 @@ def _make(args: argparse.Namespace, reporter: Reporter) -> None:
 
 def _read_centimetres(flag: str, text: str | None) -> float | None:
     """Read a length given in centimetres, in metres."""
-    centimetres = read_number(flag, text, "a length in CM")
+    centimetres = read_number(flag, text, "a length in centimetres")
     return None if centimetres is None else centimetres / 100
 
 

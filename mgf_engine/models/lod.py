@@ -95,32 +95,39 @@ def reduce_chain(
 
 
 def _reduced_to(mesh: Mesh, most: int, options: LodOptions) -> Mesh:
-    """Reduce the mesh to about ``most`` faces, or to more where its outline needs them.
-
-    Our own reduction keeps rims and holes, and keeps every tunnel. A coarse mesh has no faces for all of those: where
-    it misses the number, lies much farther off or shows another outline, edges collapse whatever they close
-    (fast-simplification, Garland and Heckbert's quadrics). A ragged mesh has so many tunnels that neither can leave
-    enough of it.
-    """
-    kept, free = reduce_faces(mesh, most), _simplified(mesh, most, options)
-    allowed = options.face_excess * most
-    best = free if len(kept.faces) > allowed or _better(mesh, free, kept, options) else kept
-    overlap = silhouette_overlap(mesh, best) if len(best.faces) else 0.0
+    """Reduce the mesh to about ``most`` faces, or to more where its outline needs them: a ragged mesh has so many tunnels
+    that no reduction to so few can leave enough of it."""
+    best = _of_size(mesh, most, options)
+    overlap = silhouette_overlap(mesh, best)
     for more in options.more_faces:
         if overlap >= options.least_silhouette:
             break
-        finer = _simplified(mesh, round(more * most), options)
-        better = silhouette_overlap(mesh, finer) if len(finer.faces) else 0.0
+        finer = _of_size(mesh, round(more * most), options)
+        better = silhouette_overlap(mesh, finer)
         if better > overlap:
             best, overlap = finer, better
-    return best if len(best.faces) else kept
+    return best
+
+
+def _of_size(mesh: Mesh, most: int, options: LodOptions) -> Mesh:
+    """Reduce the mesh to about ``most`` faces.
+
+    Our own reduction keeps rims and holes, and keeps every tunnel. A coarse mesh has no faces for all of those: where
+    it misses the number, lies much farther off or shows another outline, edges collapse whatever they close
+    (fast-simplification, Garland and Heckbert's quadrics). That one stops early on some meshes of large flat faces;
+    where both miss the number, the smaller one is taken.
+    """
+    kept, free = reduce_faces(mesh, most), _simplified(mesh, most, options)
+    if not len(free.faces):
+        return kept
+    if max(len(kept.faces), len(free.faces)) > options.face_excess * most:
+        return min(kept, free, key=lambda reduced: len(reduced.faces))
+    return free if _better(mesh, free, kept, options) else kept
 
 
 def _better(mesh: Mesh, free: Mesh, kept: Mesh, options: LodOptions) -> bool:
     """Tell whether the free reduction is much nearer to the mesh than that which keeps topology, or has a clearly
     better outline."""
-    if not len(free.faces):
-        return False
     off = [measure_deviation(mesh, reduced, options.samples).rms for reduced in (free, kept)]
     if off[0] < options.nearer * off[1]:
         return True

@@ -22,6 +22,7 @@ from benchmarks.synthetic.house import OFFSET
 from mgf_engine.cli.main import main
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.models import lod
 from mgf_engine.models.lod import LodOptions, measure_deviation, reduce_chain, silhouette_overlap
 from mgf_engine.models.make import make_models
 from mgf_engine.models.work import ModelOptions
@@ -122,6 +123,21 @@ def test_a_level_keeps_the_outline_even_if_that_takes_more_faces() -> None:
     most = round(0.006 * len(mesh.faces))
     coarse = reduce_chain(mesh, options=replace(LodOptions(), shares=(0.1, 0.05, 0.006)))[3]
     assert silhouette_overlap(mesh, coarse) > 0.9 and len(coarse.faces) <= 3.2 * most
+
+
+def test_a_decimation_that_stops_early_is_no_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    """fast-simplification ends on some flattened meshes at the same number of faces whatever is asked for, far off: level
+    3 had more faces than level 2 and ten times its error."""
+    from benchmarks.synthetic.house import house_mesh
+
+    mesh = fine_house(house_mesh(), 0.1, 0.05)
+    stuck = lod.reduce_faces(mesh, 1900)
+    stuck = replace(stuck, vertices=stuck.vertices + np.random.default_rng(0).normal(0, 0.1, stuck.vertices.shape))
+    monkeypatch.setattr(lod, "_simplified", lambda mesh, most, options: stuck)
+    chain = reduce_chain(mesh, options=replace(LodOptions(), least_silhouette=0.95))
+    errors = [measure_deviation(mesh, coarse, 20_000).rms for coarse in chain]
+    assert errors == sorted(errors) and len(chain[2].faces) > len(chain[3].faces)
+    assert len(chain[3].faces) <= 3.2 * 0.015 * len(mesh.faces) and silhouette_overlap(mesh, chain[3]) > 0.93
 
 
 def _samples(mesh: Mesh) -> np.ndarray:
