@@ -63,7 +63,7 @@ def _draw(args: argparse.Namespace, reporter: Reporter) -> None:
     """
     require_packages()
     points = [read_points(text) for text in args.facade]
-    millimetres = read_number("--resolution", args.resolution, "a length in MM")
+    millimetres = read_number("--resolution", args.resolution, "a length in millimetres")
     scale = read_number("--scale", args.scale and args.scale.removeprefix("1:"), "the N of 1:N, a number")
     algorithms = read_algorithm_options(args, "drawings")
     from mgf_engine.drawings.make import make_drawings

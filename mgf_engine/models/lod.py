@@ -95,8 +95,8 @@ def reduce_chain(
 
 
 def _reduced_to(mesh: Mesh, most: int, options: LodOptions) -> Mesh:
-    """Reduce the mesh to about ``most`` faces, or to more where its outline needs them: a ragged mesh has so many tunnels
-    that no reduction to so few can leave enough of it."""
+    """Reduce the mesh to about ``most`` faces, or to more where its outline needs them: a ragged mesh has so many
+    tunnels that no reduction to so few can leave enough of it."""
     best = _of_size(mesh, most, options)
     overlap = silhouette_overlap(mesh, best)
     for more in options.more_faces:

@@ -126,8 +126,8 @@ def test_a_level_keeps_the_outline_even_if_that_takes_more_faces() -> None:
 
 
 def test_a_decimation_that_stops_early_is_no_level(monkeypatch: pytest.MonkeyPatch) -> None:
-    """fast-simplification ends on some flattened meshes at the same number of faces whatever is asked for, far off: level
-    3 had more faces than level 2 and ten times its error."""
+    """fast-simplification ends on some flattened meshes at the same number of faces whatever is asked for, far off:
+    level 3 had more faces than level 2 and ten times its error."""
     from benchmarks.synthetic.house import house_mesh
 
     mesh = fine_house(house_mesh(), 0.1, 0.05)
