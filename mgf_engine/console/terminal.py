@@ -58,6 +58,8 @@ def format_duration(seconds: float | None) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
+_LEFT_LETTERS = 23  # of "12 min 34 s left in all", beside a bar
+
 _print_lock = threading.Lock()
 
 
@@ -129,16 +131,22 @@ class _Plain:
 
 
 class _Bar:
-    """A live bar with stage, share done, time left and the stage's figures."""
+    """A live bar with stage, share done, time left, and as many of the stage's figures as there is room for."""
 
     def __init__(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn
+        from rich.table import Column
 
         self._console = Console(stderr=True)
+        width = min(40, max(16, self._console.width // 5))
+        self._room = self._console.width - (9 + 1 + width + 1 + 4 + 1 + _LEFT_LETTERS + 1)
         self._progress = Progress(
-            TextColumn("{task.description:<9}"), BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[left]}"),
-            TextColumn("{task.fields[figures]}", style="dim"), console=self._console,
+            TextColumn("{task.description:<9}", table_column=Column(min_width=9, no_wrap=True)),
+            BarColumn(width, table_column=Column(min_width=width)),
+            TaskProgressColumn(table_column=Column(min_width=4, no_wrap=True)),
+            TextColumn("{task.fields[left]}", table_column=Column(no_wrap=True)),
+            TextColumn("{task.fields[figures]}", style="dim", table_column=Column(no_wrap=True)), console=self._console,
         )  # fmt: skip
         self._task: TaskID | None = None
 
@@ -151,9 +159,8 @@ class _Bar:
                 self._progress.update(self._task, completed=1.0, left="done earlier")
         elif kind == "progress" and self._task is not None:
             left = "" if message["fraction"] >= 1 else _left(message)
-            self._progress.update(
-                self._task, completed=message["fraction"], left=left, figures="  ".join(_figures(message))
-            )
+            figures = _fitting(_figures(message), self._room)
+            self._progress.update(self._task, completed=message["fraction"], left=left, figures=figures)
         elif kind in ("result", "failed"):
             self.close()
         text = None if kind == "stage" else _sentence(message)
@@ -163,6 +170,17 @@ class _Bar:
     def close(self) -> None:
         """End the bar, which shows the cursor again."""
         self._progress.stop()
+
+
+def _fitting(figures: list[str], letters: int) -> str:
+    """Return the first figures, as many as have room in a line of so many letters."""
+    said = ""
+    for figure in figures:
+        longer = f"{said}  {figure}" if said else figure
+        if len(longer) > letters:
+            break
+        said = longer
+    return said
 
 
 def _figures(message: Message) -> list[str]:

@@ -220,9 +220,10 @@ def preview_mask(window: Window) -> float:
     window.shot("22-mask")
     window.click(*window.button(PREVIEW, SIDE))
     window.wait("the switch", lambda s: s["auto"])
-    photo = next(p for p in window.state()["photos"] if p["clicks"])
+    at, photo = next((i, p) for i, p in enumerate(window.state()["photos"]) if p["clicks"])
     u, v = photo["clicks"][0][0] / photo["size"][0], photo["clicks"][0][1] / photo["size"][1]
-    window.click(*window.image_point(u, v + 0.04))
+    count = len(photo["clicks"]) + 1
+    window.press(window.image_point(u, v + 0.04), "one more point", lambda s: len(s["photos"][at]["clicks"]) == count)
     window.wait("the next preview", lambda s: s["previews"] and [first] != list(s["previews"].values()), 60)
     window.wait("its mask", lambda s: all(p[0] == "DONE" for p in s["previews"].values()), 60)
     time.sleep(1)
