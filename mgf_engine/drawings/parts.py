@@ -16,6 +16,7 @@ from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.rectangles import align_edges
 from mgf_engine.drawings.straighten import StraightenOptions, straighten
 from mgf_engine.drawings.trace import trace
+from mgf_engine.model.pixels import sample_pixels
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
 
@@ -71,7 +72,7 @@ def part_shares(
         total[rows] += weight
         for name, elements in survey.parts.items():
             shown = np.isin(survey.masks.labels[view], elements.get(view, [])).astype(np.float32)
-            votes[name][rows] += weight * _interpolate(shown, at)
+            votes[name][rows] += weight * sample_pixels(shown, at)
     result = {}
     for name, vote in votes.items():
         share = np.zeros(seen.face.size, np.float32)
@@ -123,16 +124,6 @@ def part_shapes(
 def layer_of(name: str) -> str:
     """Return the layer of a part: what DXF allows of its name."""
     return PART + (re.sub(r"[^A-Z0-9_-]+", "_", name.upper()).strip("_") or "OTHER")
-
-
-def _interpolate(image: NDArray[np.float32], at: Array) -> NDArray[np.float32]:
-    """Return the values of an image [H, W] at pixels [n, 2], linear between centres, [n]."""
-    rows = max(1, -(-len(at) // 4096))
-    maps = np.zeros((rows * 4096, 2), np.float32)
-    maps[: len(at)] = at - 0.5
-    x, y = (np.ascontiguousarray(maps[:, k]).reshape(rows, 4096) for k in range(2))
-    found = cv2.remap(image, x, y, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.ravel()[: len(at)], np.float32)
 
 
 def _rectangle(

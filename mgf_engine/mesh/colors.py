@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.geometry.rasterize import corners, render_mesh
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.pixels import sample_pixels
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.library import call
 from mgf_engine.native.parallel import parallel_map
@@ -21,7 +22,6 @@ from mgf_engine.options.algorithms import parameter
 
 _BYTES_PER_PIXEL, _BYTES_PER_VERTEX = 30, 80  # while a view is drawn
 CHUNK = 1 << 15  # vertices that are blended at a time
-STRIP = 4096  # pixels in a row of what is looked up at once; OpenCV takes fewer than 32,768 columns and rows
 
 
 @dataclass(frozen=True)
@@ -98,19 +98,7 @@ def _samples(
     camera = np.array([*view.centre, view.fx, options.least_facing])
     given = (len(at), at, points, normals, camera, farthest, shown, *farthest.shape, 1.0 + options.hidden)
     count = call("mgf_seen_vertices", *given, index, weight)
-    return index[:count], weight[:count], sample(photo, at[index[:count], :2])
-
-
-def sample(
-    image: NDArray[np.uint8], at: NDArray[np.float64], interpolation: int = cv2.INTER_LINEAR
-) -> NDArray[np.uint8]:
-    """Sample the colours [n, 3] of a picture at pixels [n, 2] (top-left centre at 0.5, 0.5), clamped at the edge."""
-    rows = max(1, -(-len(at) // STRIP))
-    maps = np.zeros((rows * STRIP, 2), np.float32)
-    maps[: len(at)] = np.nan_to_num(at - 0.5, nan=-1.0)
-    x, y = (np.ascontiguousarray(maps[:, k]).reshape(rows, STRIP) for k in range(2))
-    found = cv2.remap(image, x, y, interpolation=interpolation, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.reshape(-1, 3)[: len(at)], np.uint8)
+    return index[:count], weight[:count], sample_pixels(photo, at[index[:count], :2])
 
 
 def _blend(weight: NDArray[np.float32], shown: NDArray[np.uint8], outlier: float) -> NDArray[np.uint8]:

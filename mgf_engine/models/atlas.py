@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.geometry.rasterize import draw_triangles
-from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.model.pixels import sample_pixels
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.bake import barycentric, fill_gutters
 from mgf_engine.texture.charts import JPEG_UNIT
@@ -151,4 +151,4 @@ def colors_at(spot: Array, face: NDArray[np.integer], surface: Surface, texture:
     weight = np.clip(np.stack([1 - v - w, v, w], 1), 0, 1)
     at = (texture.uv[face] * weight[..., None]).sum(1)
     height, width = texture.image.shape[:2]
-    return sample(texture.image, np.stack([at[:, 0] * width, (1 - at[:, 1]) * height], 1), cv2.INTER_LINEAR)
+    return sample_pixels(texture.image, np.stack([at[:, 0] * width, (1 - at[:, 1]) * height], 1), cv2.INTER_LINEAR)

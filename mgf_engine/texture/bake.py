@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import draw_triangles
-from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.pixels import sample_pixels
 from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
@@ -142,7 +142,7 @@ def sample_photo(view: View, source: Source, points: NDArray[np.float64]) -> NDA
     height, width = source.image.shape[:2]
     if (width, height) != size:
         at = at * (width / size[0], height / size[1])
-    return sample(source.image, at, cv2.INTER_CUBIC)
+    return sample_pixels(source.image, at, cv2.INTER_CUBIC)
 
 
 def fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_], width: int) -> NDArray[np.uint8]:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import corners, render_mesh
-from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.model.pixels import sample_pixels
 from mgf_engine.model.scene import View
 from mgf_engine.texture.bake import barycentric
 
@@ -25,5 +25,5 @@ def draw_textured(mesh: Mesh, texture: Texture, view: View) -> tuple[NDArray[np.
     u, v = (texture.uv[owner] * weight[..., None]).sum(1).T
     height, width = texture.image.shape[:2]
     picture = np.full((*face.shape, 3), 255, np.uint8)
-    picture[rows, columns] = sample(texture.image, np.stack([u * width, (1 - v) * height], 1))
+    picture[rows, columns] = sample_pixels(texture.image, np.stack([u * width, (1 - v) * height], 1))
     return picture, face >= 0

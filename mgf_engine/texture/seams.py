@@ -19,8 +19,8 @@ from scipy import sparse
 from scipy.sparse.linalg import cg
 
 from mgf_engine.geometry.rasterize import corners, face_normals
-from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.pixels import sample_pixels
 from mgf_engine.model.scene import View
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.model import NO_VIEW, painting_views
@@ -160,7 +160,7 @@ def _differences(
 def _colors(points: Array, view: View, photo: NDArray[np.uint8], options: SeamOptions) -> Array:
     """Return the colours of a photo at points [n, 3] (normalised frame), after a blur, [n, 3]."""
     blurred = np.asarray(cv2.GaussianBlur(photo, (0, 0), options.blur), np.uint8)
-    return sample(blurred, corners(points, view)[:, :2]).astype(np.float64)
+    return sample_pixels(blurred, corners(points, view)[:, :2]).astype(np.float64)
 
 
 def _laplacian(pairs: NDArray[np.int64], weight: Array, count: int) -> sparse.csr_matrix:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import corners, face_normals, render_mesh
-from mgf_engine.mesh.colors import sample
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.pixels import sample_pixels
 from mgf_engine.model.scene import View, most_pixels
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.options.algorithms import parameter
@@ -170,7 +170,7 @@ def _at_vertices(
     near = cv2.dilate(depth, around)[y, x] * (1 + hidden) * at[framed, 2] >= 1
     visible, off = np.zeros(len(at), bool), np.zeros(len(at), np.float32)
     visible[framed] = near & (cv2.dilate(inside.astype(np.uint8), around)[y, x] > 0)
-    off[framed] = np.abs(sample(photo, at[framed, :2]).astype(np.float32) - mesh.colors[framed]).max(1)
+    off[framed] = np.abs(sample_pixels(photo, at[framed, :2]).astype(np.float32) - mesh.colors[framed]).max(1)
     return visible, off
 
 

@@ -11,7 +11,8 @@ from support.meshes import empty
 from benchmarks.synthetic.meshes import merged
 from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.geometry.rasterize import corners, render_mesh
-from mgf_engine.mesh.colors import ColorOptions, _samples, color_from_photos, sample
+from mgf_engine.mesh.colors import ColorOptions, _samples, color_from_photos
+from mgf_engine.model.pixels import sample_pixels
 
 
 def true_color(points: np.ndarray) -> np.ndarray:
@@ -97,4 +98,4 @@ def test_vertices_are_seen_as_the_plain_formulas_say() -> None:
     assert 300 < len(expected) < len(at) / 2
     np.testing.assert_array_equal(index, [i for i, _ in expected])
     np.testing.assert_allclose(weight, [w for _, w in expected], rtol=1e-6)
-    np.testing.assert_array_equal(shown, sample(photo, at[index, :2]))
+    np.testing.assert_array_equal(shown, sample_pixels(photo, at[index, :2]))
