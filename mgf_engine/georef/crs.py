@@ -155,8 +155,12 @@ def normalise_crs(text: str) -> str:
 
 def utm_zone(latitude: float, longitude: float) -> str:
     """Return the code of the UTM zone on WGS 84 of a place, without the exceptions of Norway and Svalbard."""
-    zone = int(np.clip((longitude + 180) // 6, 0, 59)) + 1
-    return f"EPSG:{(32600 if latitude >= 0 else 32700) + zone}"
+    return f"EPSG:{(32600 if latitude >= 0 else 32700) + utm_zone_number(longitude)}"
+
+
+def utm_zone_number(longitude: float) -> int:
+    """Return the number of the UTM zone of a longitude, 1..60."""
+    return int(np.clip((longitude + 180) // 6, 0, 59)) + 1
 
 
 def _such_as(near: Array | None) -> str:

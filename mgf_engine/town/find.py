@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import shapely
@@ -62,7 +61,7 @@ class Outline:
         flat: share of them that lie in planes.
     """
 
-    polygon: Any
+    polygon: shapely.Geometry
     points: int
     flat: float
 
@@ -151,7 +150,7 @@ def _planar(points: Array, options: OutlineOptions) -> Array:
     return np.asarray(np.median(flat[index], axis=1))
 
 
-def outline_of(plan: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> Any:
+def outline_of(plan: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> shapely.Geometry:
     """Return the outline of points [N, 2], a polygon.
 
     Plain walls and roofs have points at their edges alone, and walls meet at right angles: gaps are closed along both

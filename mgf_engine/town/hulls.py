@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import shapely
@@ -48,7 +47,7 @@ class Hull:
     """
 
     id: str
-    polygon: Any
+    polygon: shapely.Geometry
     low: float
     high: float
     points: int
@@ -87,7 +86,13 @@ def make_hulls(
 
 
 def _hull(
-    name: str, polygon: Any, ring: Array, inside: Array, usual: float, metre: float, options: BuildingHullOptions
+    name: str,
+    polygon: shapely.Geometry,
+    ring: Array,
+    inside: Array,
+    usual: float,
+    metre: float,
+    options: BuildingHullOptions,
 ) -> Hull:
     """Make the hull of a footprint from the heights of the points around it and on it.
 
@@ -124,7 +129,7 @@ def ground_of(heights: Array) -> float:
     return float(np.median(low[start : start + width + 1]))
 
 
-def prism(polygon: Any, low: float, high: float) -> tuple[Array, NDArray[np.int32]]:
+def prism(polygon: shapely.Geometry, low: float, high: float) -> tuple[Array, NDArray[np.int32]]:
     """Return walls and roof of a polygon between two heights: vertices [N, 3], faces [F, 3]; no floor."""
     corners, faces, count = [], [], 0
     for part in getattr(polygon, "geoms", [polygon]):
@@ -143,7 +148,7 @@ def prism(polygon: Any, low: float, high: float) -> tuple[Array, NDArray[np.int3
     return np.concatenate(corners), np.concatenate(faces).astype(np.int32)
 
 
-def samples(polygon: Any, low: float, high: float, spacing: float) -> tuple[Array, Array]:
+def sample_prism(polygon: shapely.Geometry, low: float, high: float, spacing: float) -> tuple[Array, Array]:
     """Return points spread over walls and roof of a prism, [S, 3], and their outward normals [S, 3].
 
     Args:

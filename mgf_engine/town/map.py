@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.files.atomic import atomic_path
@@ -20,7 +20,9 @@ COLORS = {READY: "#2b8a3e", BY_HAND: "#1864ab", DOUBTFUL: "#e67700", GONE: "#c92
 _MOST_POINTS = 60_000
 
 
-def draw_map(path: Path, scene: Scene, placed: PlacedFootprints, outlines: list[tuple[str, str, Any]]) -> None:
+def draw_map(
+    path: Path, scene: Scene, placed: PlacedFootprints, outlines: list[tuple[str, str, shapely.Geometry]]
+) -> None:
     """Write the map of a scene as PNG.
 
     Args:
@@ -67,7 +69,7 @@ def draw_map(path: Path, scene: Scene, placed: PlacedFootprints, outlines: list[
         figure.savefig(temporary, dpi=120, bbox_inches="tight")
 
 
-def _is_tall(polygon: Any) -> bool:
+def _is_tall(polygon: shapely.Geometry) -> bool:
     """Tell whether a name has more room from south to north: houses of a row stand side by side."""
     west, south, east, north = polygon.bounds
     return bool(north - south > 1.1 * (east - west))

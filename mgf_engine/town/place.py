@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput, reason
-from mgf_engine.georef.crs import AUTO, normalise_crs, proj
+from mgf_engine.georef.crs import AUTO, normalise_crs, proj, utm_zone_number
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS
 from mgf_engine.georef.gps import read_gps_position
@@ -280,7 +280,7 @@ def _guess(placed: PlacedFootprints, footprints: Footprints, middle: Array) -> s
     if placed.georeference.crs is None or placed.georeference.origin is None:
         return ""
     here = str(placed.georeference.crs)
-    zone = int(np.clip((placed.georeference.origin[1] + 180) // 6, 0, 59)) + 1
+    zone = utm_zone_number(placed.georeference.origin[1])
     zones = [z for z in (zone - 1, zone, zone + 1) if 1 <= z <= 60]
     utm = [f"EPSG:{base + z}" for z in zones for base in (25800, 32600) if base != 25800 or 28 <= z <= 38]
     tried = [_WGS84, here, *utm, *(f"EPSG:{31460 + k}" for k in range(6, 10)), *_USUAL]

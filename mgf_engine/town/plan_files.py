@@ -124,7 +124,7 @@ def _model_of(job: Job) -> SparseModel:
     return adjust_if_inconsistent(read_model(folder), job.config.resolution, Reporter(), options)  # as its scene stage
 
 
-def _within(area: Any, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _within(area: shapely.Geometry, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell which points [N, 3] lie within an area of the plan, bool [N]."""
     return np.asarray(shapely.contains_xy(area, points[:, :2]))
 

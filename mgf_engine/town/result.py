@@ -31,7 +31,7 @@ from mgf_engine.town.terrain import MESH as TERRAIN_MESH
 from mgf_engine.town.tiles import FILE as TILESET
 from mgf_engine.town.tiles import FOLDER as TILES_FOLDER
 from mgf_engine.town.tiles import write_tiles
-from mgf_engine.town.worker import DONE, FAILED, FINISHED, JOB, RUNNING, STATUS, WAITING
+from mgf_engine.town.worker import DONE, FAILED, FINISHED, JOB, RUNNING, STATUS, WAITING, read_record
 from mgf_engine.town.workflow import OptionalProducts
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def read_rows(town: Path, running: bool) -> list[dict[str, Any]]:
     rows = []
     for row in read_plan(town)["buildings"]:
         folder = town / BUILDINGS / row["id"]
-        status, done = _json(folder / STATUS), _json(folder / DONE)
+        status, done = read_record(folder / STATUS), read_record(folder / DONE)
         job = ""
         if row["state"] in ("ready", "by hand"):
             job = FINISHED if done else status.get("state", WAITING)
@@ -62,13 +62,6 @@ def read_rows(town: Path, running: bool) -> list[dict[str, Any]]:
                 job = WAITING
         rows.append({**row, "job": job, "status": status, "done": done})
     return rows
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
-        return {}
 
 
 def gather(town: Path, rows: list[dict[str, Any]], most_faces: int, tiles: bool, wanted: OptionalProducts) -> None:

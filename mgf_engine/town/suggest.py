@@ -140,10 +140,10 @@ def _wanted_outline(
     config: Config,
     point: Sequence[float] | None,
     georeference: Georeference,
-    polygons: list[Any],
+    polygons: list[shapely.Geometry],
     metre: float,
     reach: float,
-) -> Any:
+) -> shapely.Geometry:
     """Return the outline of the building that is meant."""
     box = parse_crop_box(config.crop_box)
     if box is not None:

@@ -106,7 +106,7 @@ def read_hulls(town: Path, plan: dict[str, Any]) -> list[Hull]:
 
 
 def ground_surface(
-    points: Array, footprints: list[Any], metre: float, options: TerrainOptions = TerrainOptions()
+    points: Array, footprints: list[shapely.Geometry], metre: float, options: TerrainOptions = TerrainOptions()
 ) -> Mesh:
     """Make the bare earth as triangles of a regular grid, without colours.
 

@@ -15,7 +15,7 @@ from mgf_engine.georef.model import Georeference
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.options.algorithms import parameter
-from mgf_engine.town.hulls import Hull, prism, samples
+from mgf_engine.town.hulls import Hull, prism, sample_prism
 from mgf_engine.town.place import to_normalised
 
 Array = NDArray[np.float64]
@@ -178,7 +178,7 @@ def choose_photos(
     """
     hull, metre = town.hulls[number], town.metre
     low = max(hull.low, hull.low + 0.1 * (hull.high - hull.low))
-    spots, normals = samples(hull.polygon, low, hull.high, options.spacing * metre)
+    spots, normals = sample_prism(hull.polygon, low, hull.high, options.spacing * metre)
     outside = _inside_neighbours(spots + options.party_wall * metre * normals, hull, town.hulls)
     spots, normals = spots[~outside], normals[~outside]
     places = town.normalised(spots)

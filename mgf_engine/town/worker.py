@@ -18,12 +18,15 @@ import threading
 import time
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.files.atomic import json_text, write_json
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.options.config import make_config
+
+if TYPE_CHECKING:
+    from mgf_engine.jobs.job import Job
 
 STATUS, DONE, PICTURE, JOB = "status.json", "done.json", "picture.jpg", "job"
 #: What a second attempt makes smaller: about half of the memory.
@@ -92,7 +95,7 @@ def run_building(folder: Path, attempt: int, threads: int, solid: bool = False) 
     """
     if _abandoned():
         return EXIT_CANCELLED
-    earlier = _read(folder / STATUS)
+    earlier = read_record(folder / STATUS)
     if attempt > 1 and not worth_retrying(earlier):
         print(earlier["text"], file=sys.stderr)
         return int(earlier["code"])
@@ -101,7 +104,7 @@ def run_building(folder: Path, attempt: int, threads: int, solid: bool = False) 
     _watch(reporter)
     try:
         status.write()
-        options = options_of(_read(folder / "building.json"), attempt, threads)
+        options = options_of(read_record(folder / "building.json"), attempt, threads)
         print(f"Attempt {attempt}: photos of {options['resolution']} px at most, {threads} threads.", flush=True)
         figures = _run(folder, options, reporter)
         if solid:
@@ -125,7 +128,7 @@ def worth_retrying(status: dict[str, Any]) -> bool:
     return not refused or "memory" in str(status.get("text", "")).lower()
 
 
-def _open_job(folder: Path, user_options: dict[str, Any]) -> Any:
+def _open_job(folder: Path, user_options: dict[str, Any]) -> Job:
     """Open the job, once a job of a town that was killed has let go of its folder."""
     from mgf_engine.jobs.job import Job
 
@@ -143,12 +146,13 @@ def _open_job(folder: Path, user_options: dict[str, Any]) -> Any:
 def _run(folder: Path, user_options: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     """Run the job of a building with these options; returns its figures for the town's table."""
     from mgf_engine.pipeline import run_job
+    from mgf_engine.town.picture import draw_picture
     from mgf_engine.town.share import take_scene
 
     with _open_job(folder, user_options) as job:
         take_scene(job, folder.parents[1] / "scene" / "scene")
         run_job(job, reporter)
-        draw(job, folder / PICTURE)
+        draw_picture(job, folder / PICTURE)
         stages = job.stages
         return {
             "cpu_seconds": round(sum(float(entry["cpu_seconds"]) for entry in stages.values()), 1),
@@ -167,35 +171,8 @@ def _write_solid(folder: Path) -> None:
     write_solid(folder, folder / JOB)
 
 
-def draw(job: Any, path: Path) -> None:
-    """Draw the photo that shows most of the building, and the mesh from the same place, side by side."""
-    import cv2
-    import numpy as np
-
-    from mgf_engine.files.images import write_picture
-    from mgf_engine.geometry.rasterize import render_mesh, shaded
-    from mgf_engine.jobs.results import load_mesh, load_scene_of
-    from mgf_engine.model.mesh import Mesh
-
-    scene, mesh = load_scene_of(job), load_mesh(job)
-    mesh = Mesh(scene.to_normalised.apply(mesh.vertices), mesh.faces, mesh.colors)
-    seen = [render_mesh(mesh, view).face >= 0 for view in scene.views]
-    best = int(np.argmax([inside[2:-2, 2:-2].sum() - 5 * (inside.sum() - inside[2:-2, 2:-2].sum()) for inside in seen]))
-    v, u = np.nonzero(seen[best])
-    view = scene.views[best]
-    if not len(u):
-        return
-    margin = 0.15 * max(np.ptp(u), np.ptp(v)) + 4
-    left, top = (max(0, int(a.min() - margin)) for a in (u, v))
-    right, bottom = (min(m, int(a.max() + margin)) for a, m in ((u, view.width), (v, view.height)))
-    pair = np.hstack([scene.photo(best), shaded(mesh, view, color=True)])
-    both = np.hstack([pair[top:bottom, left:right], pair[top:bottom, view.width + left : view.width + right]])
-    size = 480 / both.shape[1]
-    small = cv2.resize(both, None, fx=size, fy=size, interpolation=cv2.INTER_AREA if size < 1 else cv2.INTER_CUBIC)
-    write_picture(path, np.asarray(small, np.uint8))
-
-
-def _read(path: Path) -> dict[str, Any]:
+def read_record(path: Path) -> dict[str, Any]:
+    """Read ``status.json``, ``done.json`` or ``building.json``; empty where it is missing or damaged."""
     try:
         return dict(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError):
