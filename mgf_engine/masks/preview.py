@@ -195,7 +195,7 @@ def _segment(
     def answer(given: Clicks) -> tuple[Segment, Hints]:
         probability = walker.solve({0: given}, config.seed)
         hints = make_hints(scene, 0, given, regions, probability, (probability.points > 0.5)[scene.track_point])
-        return draw_mask(segmenter, 0, photo, hints, options), hints
+        return draw_mask(segmenter, photo, hints, options), hints
 
     *earlier, everything = first_clicks(clicks)
     last, hints = answer(everything)  # first, since it leaves behind what the others can use

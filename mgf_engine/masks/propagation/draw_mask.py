@@ -16,21 +16,18 @@ from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter
 from mgf_engine.model.scene import Scene
 
 
-def draw_mask(
-    segmenter: Segmenter, index: int, photo: NDArray[np.uint8], hints: Hints, options: PropagationOptions
-) -> Segment:
+def draw_mask(segmenter: Segmenter, photo: NDArray[np.uint8], hints: Hints, options: PropagationOptions) -> Segment:
     """Draw the mask of a photo; if it agrees badly with the hints, try the segmenter's second attempt.
 
     Args:
         segmenter: that draws it.
-        index: of the view.
         photo: RGB uint8 [H, W, 3].
         hints: clicks, points and probability.
         options: what agrees badly, and how much better the other way must be.
     """
-    segment = segmenter.segment(index, photo, hints)
+    segment = segmenter.segment(photo, hints)
     if segment.score < options.retry_below:
-        again = segmenter.segment(index, photo, hints, attempt=1)
+        again = segmenter.segment(photo, hints, attempt=1)
         if again.score > segment.score + options.retry_gain:
             return again
     return segment

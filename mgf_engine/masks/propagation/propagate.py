@@ -154,7 +154,7 @@ class _Propagator:
             self.reporter.progress(done)
 
     def _segment(self, index: int, accepted: NDArray[np.bool_]) -> Segment:
-        return draw_mask(self.segmenter, index, self.scene.photo(index), self._hints(index, accepted), self.options)
+        return draw_mask(self.segmenter, self.scene.photo(index), self._hints(index, accepted), self.options)
 
     def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
         clicks = self.prompts.get(index, Clicks())
@@ -193,7 +193,7 @@ class _Propagator:
             return result
         hints = self._hints(index, accepted)
         before = agreement(building(self.labels[index]), hints)
-        again = self.segmenter.segment(index, self.scene.photo(index), hints, attempt=1)
+        again = self.segmenter.segment(self.scene.photo(index), hints, attempt=1)
         if again.score <= max(before, self.scores[index] - self.options.retry_gain):
             return result
         self.labels[index] = again.mask.astype(np.uint8)

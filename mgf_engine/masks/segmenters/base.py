@@ -50,14 +50,13 @@ class Segmenter(Protocol):
 
     name: str
 
-    def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
-        """Return the mask of view ``index``, whose photo is RGB uint8 [H, W, 3]; ``attempt`` 1 should ask differently.
+    def segment(self, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
+        """Return the mask of the building in a photo.
 
         Args:
-            index: of the view.
             photo: RGB uint8 [H, W, 3].
             hints: clicks, points and probability.
-            attempt: 1 asks differently than 0.
+            attempt: 1 should ask differently than 0.
         """
         ...
 

@@ -63,11 +63,10 @@ class EfficientSam:
         self._cache = cache
         self._encoding = threading.Lock()  # one image at a time bounds the memory
 
-    def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
+    def segment(self, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
         """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt asks with other points.
 
         Args:
-            index: number of the photo in the scene.
             photo: RGB uint8 [H, W, 3].
             hints: clicks and points on the building and beside it.
             attempt: 0 for the first; a further one starts from other points.

@@ -45,11 +45,10 @@ class RandomWalker:
     def __init__(self, options: MaskDrawingOptions = MaskDrawingOptions()) -> None:
         self.options = options
 
-    def segment(self, index: int, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
+    def segment(self, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
         """See :class:`mgf_engine.masks.segmenters.base.Segmenter`; a second attempt follows the points closer.
 
         Args:
-            index: number of the photo in the scene.
             photo: RGB uint8 [H, W, 3].
             hints: clicks and points on the building and beside it.
             attempt: 0 for the first; a further one follows the points closer.

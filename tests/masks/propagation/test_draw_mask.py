@@ -23,7 +23,7 @@ class Scripted:
     def __init__(self, *scores: float) -> None:
         self.scores, self.asked = scores, list[int]()
 
-    def segment(self, index: int, photo: np.ndarray, hints: Hints, attempt: int = 0) -> Segment:
+    def segment(self, photo: np.ndarray, hints: Hints, attempt: int = 0) -> Segment:
         self.asked.append(attempt)
         return Segment(np.full(photo.shape[:2], attempt == 1), self.scores[attempt])
 
@@ -39,7 +39,7 @@ class Scripted:
 )
 def test_the_second_attempt_counts_where_it_is_clearly_better(scores, asked, kept) -> None:
     segmenter = Scripted(*scores)
-    segment = draw_mask(segmenter, 0, PHOTO, hints((4, 6)), OPTIONS)
+    segment = draw_mask(segmenter, PHOTO, hints((4, 6)), OPTIONS)
     assert segmenter.asked == asked and segment.score == scores[kept] and segment.mask.all() == (kept == 1)
 
 

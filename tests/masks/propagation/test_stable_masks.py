@@ -83,7 +83,7 @@ def test_the_preview_obeys_whatever_the_segmenter_says(
     clicks = {"positive": rng.permutation(inner)[:4].tolist(), "negative": rng.permutation(outer)[:3].tolist()}
 
     class Segmenter:
-        def segment(self, index: int, photo: np.ndarray, hints: Hints, attempt: int = 0) -> Segment:
+        def segment(self, photo: np.ndarray, hints: Hints, attempt: int = 0) -> Segment:
             shape = photo.shape[:2]
             mask = np.zeros(shape, bool)
             if answer == "everything":

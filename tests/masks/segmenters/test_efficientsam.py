@@ -47,7 +47,7 @@ def photo() -> np.ndarray:
 
 def test_segments_what_the_points_are_on(sam: EfficientSam, photo: np.ndarray):
     truth = (photo == RED).all(-1)
-    found = sam.segment(0, photo, hints(truth.shape, positive=np.array([[120.0, 80]])))
+    found = sam.segment(photo, hints(truth.shape, positive=np.array([[120.0, 80]])))
     assert found.mask.shape == truth.shape and found.mask.dtype == bool
     assert iou(found.mask, truth) > 0.93 and found.score == 1.0
 
@@ -55,8 +55,8 @@ def test_segments_what_the_points_are_on(sam: EfficientSam, photo: np.ndarray):
 def test_rejected_points_choose_the_candidate(sam: EfficientSam, photo: np.ndarray):
     photo[40:60, 60:180] = (225, 85, 75)  # a shade that only the wider masks take in
     clicks = np.array([[120.0, 100]])
-    wide = sam.segment(0, photo, hints((160, 240), positive=clicks, accepted=np.array([[120.0, 50]] * 20)))
-    narrow = sam.segment(0, photo, hints((160, 240), positive=clicks, negative=np.array([[120.0, 50]])))
+    wide = sam.segment(photo, hints((160, 240), positive=clicks, accepted=np.array([[120.0, 50]] * 20)))
+    narrow = sam.segment(photo, hints((160, 240), positive=clicks, negative=np.array([[120.0, 50]])))
     assert wide.mask[50, 120] and not narrow.mask[50, 120] and narrow.mask[100, 120]
 
 
@@ -77,7 +77,7 @@ def test_large_photos_ask_for_small_masks(sam: EfficientSam):
     photo[300:1200, 600:2400] = RED
     masks, quality = sam.predict(sam.embed(photo), photo.shape[:2], np.array([[1500.0, 700]]), np.array([1.0]))
     assert masks.shape == (3, 512, 1024) and quality.shape == (3,)
-    found = sam.segment(0, photo, hints(photo.shape[:2], positive=np.array([[1500.0, 700]])))
+    found = sam.segment(photo, hints(photo.shape[:2], positive=np.array([[1500.0, 700]])))
     # One cell of the 64 x 64 grid is 47 px wide here: that is all the small pair can resolve.
     assert found.mask.shape == (1500, 3000) and iou(found.mask, (photo == RED).all(-1)) > 0.92
 
@@ -193,7 +193,7 @@ def test_a_decoder_with_a_fixed_number_of_points(photo: np.ndarray, tmp_path: Pa
     given = hints(
         truth.shape, positive=np.array([[120.0, 80]]), accepted=np.array([[x, 60.0] for x in range(70, 170, 9)])
     )
-    assert iou(sam.segment(0, photo, given).mask, truth) > 0.93
+    assert iou(sam.segment(photo, given).mask, truth) > 0.93
 
 
 def test_a_decoder_that_takes_something_else_has_a_sentence(pair: tuple[Path, Path], photo: np.ndarray, tmp_path: Path):
@@ -207,7 +207,7 @@ def test_a_decoder_that_takes_something_else_has_a_sentence(pair: tuple[Path, Pa
         with pytest.raises(
             BadInput, match=r"^'.*other\.onnx' is not a working EfficientSAM model \(.*random_walker[^\n]*$"
         ):
-            sam.segment(0, photo, hints((160, 240), positive=np.array([[120.0, 80]])))
+            sam.segment(photo, hints((160, 240), positive=np.array([[120.0, 80]])))
 
 
 class Provider:
@@ -239,7 +239,7 @@ def test_a_provider_that_fails_leaves_the_work_to_the_cpu(
     sam = EfficientSam(*pair, tmp_path / "cache", threads=1, gpu=True, warn=said.append)
     truth = (photo == RED).all(-1)
     for _ in range(2):
-        assert iou(sam.segment(0, photo, hints(truth.shape, positive=np.array([[120.0, 80]]))).mask, truth) > 0.93
+        assert iou(sam.segment(photo, hints(truth.shape, positive=np.array([[120.0, 80]]))).mask, truth) > 0.93
     assert len(said) == 2 and all("CUDA provider failed (CUDA error 700)" in s and "CPU" in s for s in said)
 
 

@@ -52,7 +52,7 @@ def test_a_second_attempt_follows_the_points():
     accepted = np.stack([xs.ravel(), ys.ravel()], 1).astype(float)
     given = hints(SHAPE, accepted=accepted, probability=probability)
     assert follow_points(given).shape == SHAPE
-    first, second = RandomWalker().segment(0, photo(), given), RandomWalker().segment(0, photo(), given, attempt=1)
+    first, second = RandomWalker().segment(photo(), given), RandomWalker().segment(photo(), given, attempt=1)
     assert first.score == 0 and second.score > 0.9
     assert (second.mask & square()).sum() / (second.mask | square()).sum() > 0.8
 
