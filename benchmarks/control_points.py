@@ -138,7 +138,7 @@ def errors_of(inputs: Path, method: str, targets: Sequence[Target], resolution: 
         adjust = fit_to_control if reading.control and reading.control_adjust else None
         scene = load_scene(inputs, Path(folder) / "scene", reading, reporter, adjust=adjust)
         found = find_georeference(scene, reading.algorithm(GeoreferenceOptions), lambda text: None)
-        from mgf_engine.georef.control import read_marks
+        from mgf_engine.georef.control_points import read_marks
 
         marks, _ = read_marks(inputs / "marks.csv", [view.name for view in scene.views])
         placed, _ = place_points(scene, marks)

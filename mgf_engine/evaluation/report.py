@@ -96,7 +96,7 @@ class ReportData:
         pixel: what a pixel of the working photos covers on the building, as text; empty where nobody knows.
         contact_sheet: picture of all masks, or None.
         lpips: the network that LPIPS was measured with; empty where it was not.
-        placing: what placed the surface, in three sentences.
+        surface_source: what placed the surface, in three sentences.
         files: label -> path of a result, relative to the job folder.
         figures: further figures that only go into ``report.json``.
         georeference: where the building is, plain data for ``report.json``; ``georeference_html`` says it in the page.
@@ -128,7 +128,7 @@ class ReportData:
     pixel: str = ""
     contact_sheet: Path | None = None
     lpips: str = ""
-    placing: list[str] = field(default_factory=list)
+    surface_source: list[str] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
     figures: dict[str, Any] = field(default_factory=dict)
     georeference: dict[str, Any] = field(default_factory=dict)

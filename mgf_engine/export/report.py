@@ -22,7 +22,7 @@ from mgf_engine.evaluation.images import Scores, mean_scores, score
 from mgf_engine.evaluation.lpips import Lpips, find_lpips
 from mgf_engine.evaluation.pictures import error_picture, mask_overlay, normal_picture, on_white, turntable
 from mgf_engine.evaluation.report import ReportData, StageReport, ViewReport, limit_side, write_report
-from mgf_engine.evaluation.story import placing
+from mgf_engine.evaluation.surface_source import explain_surface
 from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.export.views import render_view
 from mgf_engine.geometry.rasterize import shaded
@@ -245,7 +245,7 @@ def _report_data(job: Job, scene: Scene, masks: MaskSet, mesh: Mesh, views: list
         peak_memory=max([peak_memory(), *(s.peak_memory or 0 for s in stages)]),
         warnings=[text for s in job.stages.values() for text in s.get("warnings", [])],
         contact_sheet=contact if contact.exists() else None,
-        placing=placing(job.config, trained["iterations"]),
+        surface_source=explain_surface(job.config, trained["iterations"]),
         files=_files(job),
     )  # fmt: skip
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Axis-aligned bounding boxes: of points without a few outliers, with space around them, and how far they overlap."""
+"""Axis-aligned boxes: of points without a few outliers, padded, the points of a grid, and how far boxes overlap."""
 
 from __future__ import annotations
 
@@ -27,6 +27,11 @@ def pad_box(low: Corner, high: Corner, padding: float) -> tuple[Corner, Corner]:
     """Return the corners of a box with space on all sides: ``padding`` times its longest side."""
     space = padding * float((high - low).max())
     return low - space, high + space
+
+
+def grid_points(*axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points of a grid [N, D] by their coordinates along each axis, the last of which changes fastest."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
 
 
 def box_areas(boxes: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mgf_engine.georef.bundle import PlacedControl, adjust_to_control
-from mgf_engine.georef.control import read_control
+from mgf_engine.georef.control_points import read_control
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.triangulate import place_points

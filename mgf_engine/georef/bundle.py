@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.bundle_worker import KNOWN
-from mgf_engine.georef.control import CONTROL, Control
+from mgf_engine.georef.control_points import CONTROL, ControlPoints
 from mgf_engine.georef.crs import SURVEY
 from mgf_engine.georef.fit_control import ControlFit, mark_error
 from mgf_engine.georef.options import ControlAdjustmentOptions, GeoreferenceOptions
@@ -52,7 +52,7 @@ class PlacedControl:
         fit: similarity of the scene to the points.
     """
 
-    control: Control
+    control: ControlPoints
     placed: dict[str, TriangulatedPoint]
     fit: ControlFit
 

@@ -17,7 +17,7 @@ from mgf_engine.console.shared_arguments import (
 )
 from mgf_engine.files.atomic import atomic_path
 from mgf_engine.georef.apply import apply_to_finished
-from mgf_engine.georef.control import CHECK, CONTROL
+from mgf_engine.georef.control_points import CHECK, CONTROL
 from mgf_engine.georef.export import FOLDER
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.fit_control import ControlRow

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.bars import BarRow, measure_bars, read_bars
-from mgf_engine.georef.control import CHECK, CONTROL, Control, read_control, read_marks
+from mgf_engine.georef.control_points import CHECK, CONTROL, ControlPoints, read_control, read_marks
 from mgf_engine.georef.crs import AUTO, ProjectedCrs, to_enu
 from mgf_engine.georef.fit_control import ControlFit, fit_control
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS, GpsFit, fit_gps
 from mgf_engine.georef.gps import GpsPosition, read_gps_position
 from mgf_engine.georef.model import METRE, SCENE_UNITS, Georeference
 from mgf_engine.georef.options import GeoreferenceOptions
+from mgf_engine.georef.scale_bars import MeasuredBar, measure_bars, read_bars
 from mgf_engine.georef.similarity import Direction, matrix_of
 from mgf_engine.georef.triangulate import TriangulatedPoint, place_points
 from mgf_engine.georef.validation import check_marks, check_points, wrong_marks
@@ -50,7 +50,7 @@ class GeoreferenceFit:
     up: UpDirection
     control: ControlFit | None = None
     placed: dict[str, TriangulatedPoint] | None = None
-    bars: tuple[BarRow, ...] = ()
+    bars: tuple[MeasuredBar, ...] = ()
     gps: GpsFit | None = None
     gps_views: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
@@ -88,7 +88,7 @@ def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable
 
 def _marked(
     scene: Scene, options: GeoreferenceOptions, warn: Callable[[str], None]
-) -> tuple[Control, dict[str, TriangulatedPoint], dict[str, str]]:
+) -> tuple[ControlPoints, dict[str, TriangulatedPoint], dict[str, str]]:
     """Return the user's points, and marked points in the normalised frame."""
     names = [view.name for view in scene.views]
     marks = Path(options.marks) if options.marks else None
@@ -96,9 +96,9 @@ def _marked(
         control = read_control(Path(options.control), marks, names, options.point.accuracy)
     elif marks is not None:
         found, unknown_photos = read_marks(marks, names)
-        control = Control(marks=found, unknown_photos=unknown_photos)
+        control = ControlPoints(marks=found, unknown_photos=unknown_photos)
     else:
-        control = Control()
+        control = ControlPoints()
     if control.unknown_photos:
         warn(
             f"Marks in {len(control.unknown_photos)} photos that are not among the job's were passed over (such as "
@@ -116,7 +116,7 @@ def _marked(
     return control, placed, failed
 
 
-def _projection(options: GeoreferenceOptions, control: Control, known: Array) -> ProjectedCrs | None:
+def _projection(options: GeoreferenceOptions, control: ControlPoints, known: Array) -> ProjectedCrs | None:
     text = options.crs or control.crs
     near = np.median(known, axis=0) if len(known) else None
     if text == AUTO and near is None and control.crs:
@@ -126,7 +126,7 @@ def _projection(options: GeoreferenceOptions, control: Control, known: Array) ->
 
 def _by_control(
     scene: Scene,
-    control: Control,
+    control: ControlPoints,
     placed: dict[str, TriangulatedPoint],
     failed: dict[str, str],
     projection: ProjectedCrs | None,

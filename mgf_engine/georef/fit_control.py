@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.control import CONTROL, Point
+from mgf_engine.georef.control_points import CONTROL, ControlPoint
 from mgf_engine.georef.options import ControlPointOptions
 from mgf_engine.georef.similarity import LINE, find_inliers, refine_similarity, straightness, transform_points, umeyama
 from mgf_engine.georef.triangulate import TriangulatedPoint
@@ -33,7 +33,7 @@ class ControlRow:
         note: what is wrong with it, else empty.
     """
 
-    point: Point
+    point: ControlPoint
     residual: tuple[float, float, float]
     pixels: float
     photos: int
@@ -64,7 +64,7 @@ class ControlFit:
 
 def fit_control(
     scene: Scene,
-    points: Sequence[Point],
+    points: Sequence[ControlPoint],
     placed: Mapping[str, TriangulatedPoint],
     failed: Mapping[str, str],
     up: Array | None,
@@ -111,7 +111,7 @@ def fit_control(
 
 
 def control_rows(
-    points: Sequence[Point],
+    points: Sequence[ControlPoint],
     placed: Mapping[str, TriangulatedPoint],
     failed: Mapping[str, str],
     matrix: Array,
@@ -145,7 +145,7 @@ def control_rows(
     return tuple(rows)
 
 
-def _place_of_another(own: Point, at: Array, points: Sequence[Point]) -> str:
+def _place_of_another(own: ControlPoint, at: Array, points: Sequence[ControlPoint]) -> str:
     """Say which point of the file lies where a point that does not fit was marked, as far from its own place as one
     is from the other; empty where none does."""
     away = [float(np.linalg.norm(at - p.position)) for p in points]
@@ -170,7 +170,12 @@ def _upside_down(matrix: Array, up: Array | None) -> bool:
 
 
 def _misfit_text(
-    source: Array, target: Array, sd: Array, points: Sequence[Point], up: Array | None, options: ControlPointOptions
+    source: Array,
+    target: Array,
+    sd: Array,
+    points: Sequence[ControlPoint],
+    up: Array | None,
+    options: ControlPointOptions,
 ) -> str:
     """Return a sentence on why points do not fit: swapped axes, heights, or marks and names."""
     matrix, fits = _fit(source, target, sd, options)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.files.atomic import write_json
-from mgf_engine.georef.control import CONTROL, Control, Point, read_marks, read_points
+from mgf_engine.georef.control_points import CONTROL, ControlPoint, ControlPoints, read_marks, read_points
 from mgf_engine.georef.crs import ProjectedCrs, to_enu
 from mgf_engine.georef.fit_control import fit_control
 from mgf_engine.georef.model import Georeference, read_georeference
@@ -68,7 +68,7 @@ def write_places(job: Path, user_options: Mapping[str, Any], out: Path, reporter
 
 def known_places(
     scene: Scene,
-    control: Control,
+    control: ControlPoints,
     placed: Mapping[str, TriangulatedPoint],
     failed: Mapping[str, str],
     georeference: Georeference,
@@ -131,7 +131,7 @@ def _by_georeference(at: Array, georeference: Georeference, crs: str) -> Array |
 
 
 def _entry(
-    scene: Scene, point: Point, placed: TriangulatedPoint | None, known: tuple[Array, str, float] | None
+    scene: Scene, point: ControlPoint, placed: TriangulatedPoint | None, known: tuple[Array, str, float] | None
 ) -> dict[str, Any]:
     """Return a point as the file has it: photos that should show it, with x, y and the radius to look within, in
     pixels."""

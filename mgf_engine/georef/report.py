@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.georef.control import CHECK, CONTROL
+from mgf_engine.georef.control_points import CHECK, CONTROL
 from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.fit_control import ControlRow
 from mgf_engine.model.scene import Scene

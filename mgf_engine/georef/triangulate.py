@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.georef.control import Mark
+from mgf_engine.georef.control_points import Mark
 from mgf_engine.georef.options import MarkOptions
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.cameras import from_original, to_original

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.control import Control, Mark, Point
+from mgf_engine.georef.control_points import ControlPoint, ControlPoints, Mark
 from mgf_engine.georef.crs import ProjectedCrs, to_enu
 from mgf_engine.georef.options import MarkOptions
 from mgf_engine.georef.triangulate import TriangulatedPoint, outlier_limits, project_point
@@ -28,7 +28,7 @@ _EXCHANGED = {
 _FEET = 0.3048
 
 
-def check_points(points: Sequence[Point], projection: ProjectedCrs | None, photos: Array | None) -> None:
+def check_points(points: Sequence[ControlPoint], projection: ProjectedCrs | None, photos: Array | None) -> None:
     """Refuse coordinates that are no eastings and northings of the CRS, or are far from the photos.
 
     Args:
@@ -112,7 +112,7 @@ def _distance(at: Array, projection: ProjectedCrs, photos: Array) -> float:
     return float(np.linalg.norm(to_enu((middle * (1, 1, 0))[None], seen)[0]))
 
 
-def check_marks(scene: Scene, control: Control) -> None:
+def check_marks(scene: Scene, control: ControlPoints) -> None:
     """Refuse marks whose x and y are exchanged: most lie beside their photos, and all would lie in them.
 
     Raises:
@@ -128,7 +128,7 @@ def check_marks(scene: Scene, control: Control) -> None:
 
 
 def wrong_marks(
-    scene: Scene, control: Control, placed: dict[str, TriangulatedPoint], options: MarkOptions = MarkOptions()
+    scene: Scene, control: ControlPoints, placed: dict[str, TriangulatedPoint], options: MarkOptions = MarkOptions()
 ) -> list[str]:
     """Describe the marks that the other marks of their points contradict, each with a guess of the mistake; many in
     one sentence.

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.geometry.boxes import grid_points
 from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.geometry.tetgen import background_delaunay
 from mgf_engine.model.masks import building
@@ -88,7 +89,7 @@ def cut_surface(
 def _box(low: Array, high: Array, padding: float) -> Array:
     """Return 26 points [26, 3] on a padded box: its corners, and the middles of its edges and sides."""
     sides = np.stack([low - padding, (low + high) / 2, high + padding], 1)
-    return np.delete(np.stack(np.meshgrid(*sides, indexing="ij"), -1).reshape(-1, 3), 13, 0)
+    return np.delete(grid_points(*sides), 13, 0)
 
 
 def _outside_share(views: StartViews, tetrahedra: Tetrahedra, options: CutOptions) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from mgf_engine.geometry.boxes import grid_points
 from mgf_engine.start.lines import Line3D
 from mgf_engine.start.options import PlaneOptions
 from mgf_engine.start.planes import LinePlanes, parallel_beside
@@ -107,7 +108,7 @@ def _grid(uv: NDArray[np.float64], step: float, reach: float) -> NDArray[np.floa
     """Return points [N, 2] of a grid over the rectangle around ``uv`` [M, 2], grown by ``reach``."""
     low, high = uv.min(0) - reach, uv.max(0) + reach
     axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+    return grid_points(*axes)
 
 
 def _spans_rectangle(ends: NDArray[np.float64], options: PlaneOptions) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.geometry.boxes import pad_box, percentile_box
+from mgf_engine.geometry.boxes import grid_points, pad_box, percentile_box
 from mgf_engine.geometry.rasterize import scaled_view
 from mgf_engine.masks.geometry.visual_hull import hull_cells
 from mgf_engine.model.masks import BACKGROUND, MaskSet, building
@@ -248,7 +248,7 @@ def _find_faulty_masks(
     """
     step = float((high - low).max()) / options.hull_cells
     axes = [np.arange(a, b, step) for a, b in zip(low, high, strict=True)]
-    cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    cells = grid_points(*axes)
     alone = OutsideOptions(least_views=1, share=0, margin=options.hull_margin)
     outside = np.stack([find_outside(cells, silhouettes.only(n), alone) for n in range(len(silhouettes.sizes))])
     trusted = np.ones(len(outside), bool)

@@ -24,6 +24,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from mgf_engine.errors import EXIT_DONE, BadInput, explain
 from mgf_engine.files.atomic import write_json
+from mgf_engine.geometry.boxes import grid_points
 from mgf_engine.geometry.mesh_files import write_ply, write_texture
 from mgf_engine.georef.model import read_georeference
 from mgf_engine.jobs.job_folder import with_algorithms_of_job
@@ -133,7 +134,7 @@ def ground_surface(
     cell = max(options.cell * metre, float(extent.max()) / options.most_cells)
     shape = tuple(np.ceil(extent / cell).astype(int) + 1)
     x, y = (start[k] + cell * np.arange(shape[k]) for k in range(2))
-    place = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    place = grid_points(x, y)
     height, known = _heights(ground, start, cell, shape)
     kept = _extent(known, shapely.contains_xy(built, place).reshape(shape), options.gap)
     vertices = np.column_stack([place, height.ravel()])

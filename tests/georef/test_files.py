@@ -10,7 +10,7 @@ import trimesh
 from support.survey_site import CRS, ORIGIN, write_photo
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.control import CHECK, CONTROL, read_control
+from mgf_engine.georef.control_points import CHECK, CONTROL, read_control
 from mgf_engine.georef.export import write_georeferenced
 from mgf_engine.georef.gps import read_gps_position
 from mgf_engine.georef.model import METRE, Georeference, read_georeference

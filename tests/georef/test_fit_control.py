@@ -12,7 +12,7 @@ from support.analytic import camera
 from support.small_scene import make_scene
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.control import CHECK, CONTROL, Mark, Point
+from mgf_engine.georef.control_points import CHECK, CONTROL, ControlPoint, Mark
 from mgf_engine.georef.fit_control import ControlFit, control_rows, fit_control, mark_error
 from mgf_engine.georef.similarity import matrix_of, transform_points
 from mgf_engine.georef.triangulate import TriangulatedPoint
@@ -38,27 +38,27 @@ def placed(name: str, position: np.ndarray) -> TriangulatedPoint:
 MARKED = {name: placed(name, at) for name, at in zip(NAMES, PLACES, strict=True)}
 
 
-def points(**moves: tuple[float, float, float]) -> list[Point]:
+def points(**moves: tuple[float, float, float]) -> list[ControlPoint]:
     """The true control points, some of them moved by metres."""
     world = transform_points(TRUE, PLACES) + OFFSET
-    return [Point(n, tuple((at + moves.get(n, (0, 0, 0))).tolist())) for n, at in zip(NAMES, world, strict=True)]
+    return [ControlPoint(n, tuple((at + moves.get(n, (0, 0, 0))).tolist())) for n, at in zip(NAMES, world, strict=True)]
 
 
-def fit(given: list[Point], up: np.ndarray | None = UP) -> ControlFit:
+def fit(given: list[ControlPoint], up: np.ndarray | None = UP) -> ControlFit:
     failed = {p.name: "its rays do not meet" for p in given if p.name not in MARKED}
     return fit_control(scene(), given, MARKED, failed, up)
 
 
 def test_too_few_points_are_refused_with_the_reason_for_one() -> None:
     with pytest.raises(BadInput, match=r"Only 2 control points can be placed \('X': its rays do not meet\)"):
-        fit([*points()[:2], Point("X", (0.0, 0.0, 0.0))])
+        fit([*points()[:2], ControlPoint("X", (0.0, 0.0, 0.0))])
     with pytest.raises(BadInput, match="All 5 points are check points"):
         fit([replace(p, role=CHECK) for p in points()])
 
 
 def test_points_on_a_line_are_refused() -> None:
     line = {n: placed(n, np.array([k, 0.0, 0.0])) for k, n in enumerate(NAMES)}
-    known = [Point(n, (3.0 * k, 0.0, 0.0)) for k, n in enumerate(NAMES)]
+    known = [ControlPoint(n, (3.0 * k, 0.0, 0.0)) for k, n in enumerate(NAMES)]
     with pytest.raises(BadInput, match="lie on a line"):
         fit_control(scene(), known, line, {}, UP)
 
@@ -102,7 +102,7 @@ def test_check_points_are_measured_and_do_not_pull() -> None:
 
 def test_rows_name_what_was_not_placed_and_marks_on_another_point() -> None:
     swapped = {**MARKED, "D": placed("D", PLACES[0])}
-    rows = control_rows([*points(), Point("X", (0.0, 0, 0))], swapped, {}, TRUE, OFFSET, {"A", "B", "C"})
+    rows = control_rows([*points(), ControlPoint("X", (0.0, 0, 0))], swapped, {}, TRUE, OFFSET, {"A", "B", "C"})
     assert rows[3].note.endswith("left out; its marks lie on 'A'") and rows[4].note.endswith("left out")
     assert rows[5].note == "not marked in any photo" and np.isnan(rows[5].distance) and rows[5].photos == 0
 

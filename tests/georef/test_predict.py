@@ -12,7 +12,7 @@ from support.survey_site import CRS, ORIGIN, TARGETS, make_site, write_gps
 
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.command import add_arguments, read_options
-from mgf_engine.georef.control import read_marks
+from mgf_engine.georef.control_points import read_marks
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.model import write_georeference
 from mgf_engine.georef.options import GeoreferenceOptions, MarkOptions

@@ -55,8 +55,8 @@ class GroundPlane:
             depth = np.where(slope < -1e-9, -above / np.minimum(slope, -1e-9), np.inf)
         return np.where(depth > 0, depth, np.inf)
 
-    def holds(self, scene: Scene, features: PointFeatures) -> NDArray[np.float64]:
-        """Rate how far each sparse point is ground, 0..1: level and in the plane, or below it; [P]."""
+    def membership(self, scene: Scene, features: PointFeatures) -> NDArray[np.float64]:
+        """Rate each sparse point as ground, 0..1: 1 where its surface is level and in the plane, or below it; [P]."""
         height = self.height(scene.points) / self.thickness
         level = np.clip(2 * np.abs(features.normals @ features.up) - 0.6, 0, 1)
         return np.maximum(np.clip(1.5 - np.abs(height), 0, 1) * level, height < -1)

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.boxes import percentile_box
+from mgf_engine.geometry.boxes import grid_points, percentile_box
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import View
@@ -114,7 +114,7 @@ def _cells(
     low, high = percentile_box(points, options.percentiles, options.padding)
     size = max(float((high - low).max()) / options.cells, 1e-9)
     axes = [np.arange(a + size / 2, b, size) for a, b in zip(low, high, strict=True)]
-    cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    cells = grid_points(*axes)
     return cells if ground is None else cells[ground.height(cells) > -size / 2], size
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
-from mgf_engine.geometry.boxes import pad_box, percentile_box
+from mgf_engine.geometry.boxes import grid_points, pad_box, percentile_box
 from mgf_engine.model.masks import BACKGROUND, MaskSet, building
 from mgf_engine.model.scene import Scene, View, most_pixels
 from mgf_engine.native.parallel import parallel_map
@@ -113,7 +113,7 @@ def carve(scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullO
     for _ in range(options.rounds):
         size = float((high - low).max()) / options.cells
         axes = [np.arange(a + size / 2, b + size / 2, size) for a, b in zip(low, high, strict=True)]
-        cells = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+        cells = grid_points(*axes)
         votes = _count_votes(cells, size, scene, masks, views, distances)
         found = cells[votes.hull(options, forgiven)]
         if not len(found):

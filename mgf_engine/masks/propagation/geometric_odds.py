@@ -134,8 +134,8 @@ class GeometricOdds:
         graph = self.graph
         if ground is None:
             return np.zeros(graph.point_count), np.zeros(graph.added_count)
-        added = ground.holds(graph.full, self.full_features)[graph.point_count :]
-        return ground.holds(graph.scene, graph.point_features), added
+        added = ground.membership(graph.full, self.full_features)[graph.point_count :]
+        return ground.membership(graph.scene, graph.point_features), added
 
     def silhouettes(self, probability: Array, placed: GeometricEvidence, views: Sequence[int]) -> Array:
         """Compute the log-odds of regions by the silhouettes of all other photos, [N]; 0 for other nodes.
@@ -171,7 +171,7 @@ class GeometricOdds:
         """
         ground = find_ground_plane(self.graph.scene, self.graph.point_features, 1 - points, seed, self.options.ground)
         if ground is None or not self._clicks_reject(
-            ground.holds(self.graph.scene, self.graph.point_features), prompts
+            ground.membership(self.graph.scene, self.graph.point_features), prompts
         ):
             return None
         return ground

@@ -69,7 +69,7 @@ def test_ground_is_found_and_holds_its_own_points(scene: Scene):
     ground = find_ground_plane(scene, features, np.repeat([0.0, 1.0], [WALL, GROUND]), 0)
     assert ground is not None
     assert ground.normal @ [0, 0, 1] > 0.999 and abs(ground.level) < 0.02
-    held = ground.holds(scene, features) > 0.5
+    held = ground.membership(scene, features) > 0.5
     assert held[WALL:].mean() > 0.95 and not held[:WALL].any()
 
 

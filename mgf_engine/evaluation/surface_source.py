@@ -13,7 +13,7 @@ _STARTS = {
 }
 
 
-def placing(config: Config, iterations: int) -> list[str]:
+def explain_surface(config: Config, iterations: int) -> list[str]:
     """Tell where it started, what the field decides, and what places it in the end; each a sentence or two.
 
     Args:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.control import CHECK, CHECK_WORDS, CONTROL
+from mgf_engine.georef.control_points import CHECK, CHECK_WORDS, CONTROL
 from mgf_engine.georef.options import ScaleBarOptions
 from mgf_engine.georef.tables import number_in, read_table
 from mgf_engine.georef.triangulate import TriangulatedPoint
@@ -25,7 +25,7 @@ _COLUMNS = {
 
 
 @dataclass(frozen=True)
-class Bar:
+class ScaleBar:
     """A known distance in metres between two marked points."""
 
     first: str
@@ -41,10 +41,10 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class BarRow:
+class MeasuredBar:
     """A scale bar and what the scene makes of it: ``found`` metres; ``used`` for the scale."""
 
-    bar: Bar
+    bar: ScaleBar
     found: float
     used: bool
 
@@ -54,7 +54,7 @@ class BarRow:
         return self.found - self.bar.length
 
 
-def read_bars(path: Path, options: ScaleBarOptions = ScaleBarOptions()) -> tuple[Bar, ...]:
+def read_bars(path: Path, options: ScaleBarOptions = ScaleBarOptions()) -> tuple[ScaleBar, ...]:
     """Read the distances of a file: from, to, length in metres, and where given accuracy and role.
 
     Raises:
@@ -73,16 +73,16 @@ def read_bars(path: Path, options: ScaleBarOptions = ScaleBarOptions()) -> tuple
             raise BadInput(f"Line {table.lines[row]} of '{path}' has a length of {length:g}; give metres above zero.")
         sd = number_in(table.text(row, at.get("accuracy"))) or options.accuracy
         role = CHECK if table.text(row, at.get("role")).lower() in CHECK_WORDS else CONTROL
-        bars.append(Bar(table.text(row, at["first"]), table.text(row, at["second"]), length, abs(sd), role))
+        bars.append(ScaleBar(table.text(row, at["first"]), table.text(row, at["second"]), length, abs(sd), role))
     return tuple(bars)
 
 
 def measure_bars(
-    bars: Sequence[Bar],
+    bars: Sequence[ScaleBar],
     placed: Mapping[str, TriangulatedPoint],
     scale: float | None,
     options: ScaleBarOptions = ScaleBarOptions(),
-) -> tuple[float, list[BarRow]]:
+) -> tuple[float, list[MeasuredBar]]:
     """Find the scale in metres per unit of the normalised frame, and measure each bar with it.
 
     Args:
@@ -107,11 +107,11 @@ def measure_bars(
         scale, used = _scale(known, spans, used, options.outlier)
     else:
         used = np.zeros(len(known), bool)
-    rows = [BarRow(b, float(s * scale), bool(u)) for b, s, u in zip(known, spans, used, strict=True)]
+    rows = [MeasuredBar(b, float(s * scale), bool(u)) for b, s, u in zip(known, spans, used, strict=True)]
     return scale, rows
 
 
-def _scale(bars: Sequence[Bar], spans: np.ndarray, used: np.ndarray, outlier: float) -> tuple[float, np.ndarray]:
+def _scale(bars: Sequence[ScaleBar], spans: np.ndarray, used: np.ndarray, outlier: float) -> tuple[float, np.ndarray]:
     """Return the weighted mean of the ratios, without those far from their median (where there are three or more)."""
     ratios = np.array([bar.length for bar in bars]) / spans
     if used.sum() >= 3:

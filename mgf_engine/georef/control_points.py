@@ -42,7 +42,7 @@ CHECK_WORDS = ("check", "chk", "cp", "checkpoint", "c", "0", "false", "no", "off
 
 
 @dataclass(frozen=True)
-class Point:
+class ControlPoint:
     """A point whose place is known: easting, northing, height; accuracy horizontal and vertical in metres."""
 
     name: str
@@ -66,8 +66,8 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Control:
-    """What the user's files hold.
+class ControlPoints:
+    """Control and check points, as the user's files hold them, and their marks in photos.
 
     Attributes:
         points: control and check points.
@@ -77,7 +77,7 @@ class Control:
         unlisted: names of marks that are of none of the points.
     """
 
-    points: tuple[Point, ...] = ()
+    points: tuple[ControlPoint, ...] = ()
     marks: tuple[Mark, ...] = ()
     crs: str = ""
     unknown_photos: tuple[str, ...] = ()
@@ -90,7 +90,7 @@ class Control:
 
 def read_control(
     points: Path, marks: Path | None, photos: Sequence[str], accuracy: float = ControlPointOptions.accuracy
-) -> Control:
+) -> ControlPoints:
     """Read points and marks from one or two files.
 
     Args:
@@ -118,7 +118,7 @@ def read_control(
     return control
 
 
-def read_points(path: Path, photos: Sequence[str], accuracy: float = ControlPointOptions.accuracy) -> Control:
+def read_points(path: Path, photos: Sequence[str], accuracy: float = ControlPointOptions.accuracy) -> ControlPoints:
     """Read the points of a file, with the marks where it holds those as well.
 
     Raises:
@@ -128,7 +128,7 @@ def read_points(path: Path, photos: Sequence[str], accuracy: float = ControlPoin
     return odm if odm is not None else _points(path, accuracy)
 
 
-def _points(path: Path, accuracy: float) -> Control:
+def _points(path: Path, accuracy: float) -> ControlPoints:
     """Read a table of points; ``accuracy``: in metres, of points without one.
 
     Raises:
@@ -144,10 +144,10 @@ def _points(path: Path, accuracy: float) -> Control:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise BadInput(f"The point '{twice}' is in '{path}' twice; give every point a name of its own.")
-    return Control(tuple(found), crs=_crs_in(table.notes))
+    return ControlPoints(tuple(found), crs=_crs_in(table.notes))
 
 
-def _point(table: Table, row: int, at: dict[str, int], accuracy: float) -> Point:
+def _point(table: Table, row: int, at: dict[str, int], accuracy: float) -> ControlPoint:
     """Read one point of a table.
 
     Args:
@@ -170,7 +170,9 @@ def _point(table: Table, row: int, at: dict[str, int], accuracy: float) -> Point
         role = table.text(row, 4)  # no accuracy between height and role
     enabled = table.text(row, at.get("enabled")).lower() not in ("0", "false", "no")
     check = role.lower() in CHECK_WORDS or not enabled
-    return Point(name, (east, north, height), CHECK if check else CONTROL, (across or accuracy, along or accuracy))
+    return ControlPoint(
+        name, (east, north, height), CHECK if check else CONTROL, (across or accuracy, along or accuracy)
+    )
 
 
 def _accuracy(table: Table, row: int, column: int | None) -> float | None:
@@ -212,7 +214,7 @@ def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tup
     return tuple(marks), tuple(dict.fromkeys(unknown_photos))
 
 
-def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
+def _odm(path: Path, photos: Sequence[str], accuracy: float) -> ControlPoints | None:
     """Read OpenDroneMap's list; None where the file is none: first the CRS, then east, north, height, x, y, photo,
     name."""
     lines = [line.strip() for line in read_text(path).splitlines()]
@@ -220,12 +222,12 @@ def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
     rows = [line.split() for line in lines[1:]]
     if not rows or any(len(row) < 6 or any(number_in(f) is None for f in row[:5]) for row in rows):
         return None
-    points: dict[str, Point] = {}
+    points: dict[str, ControlPoint] = {}
     marks, unknown_photos = [], []
     for row in rows:
         place = tuple(float(number_in(field) or 0.0) for field in row[:3])
         name = row[6] if len(row) > 6 else " ".join(row[:3])
-        points.setdefault(name, Point(name, (place[0], place[1], place[2]), sd=(accuracy, accuracy)))
+        points.setdefault(name, ControlPoint(name, (place[0], place[1], place[2]), sd=(accuracy, accuracy)))
         views = named_like(row[5], photos)
         if len(views) == 1:
             marks.append(Mark(name, views[0], (float(number_in(row[3]) or 0.0), float(number_in(row[4]) or 0.0))))
@@ -235,4 +237,4 @@ def _odm(path: Path, photos: Sequence[str], accuracy: float) -> Control | None:
         raise BadInput(
             f"No photo named in '{path}' is among the job's (such as '{unknown_photos[0]}'); check the names."
         )
-    return Control(tuple(points.values()), tuple(marks), lines[0], tuple(dict.fromkeys(unknown_photos)))
+    return ControlPoints(tuple(points.values()), tuple(marks), lines[0], tuple(dict.fromkeys(unknown_photos)))

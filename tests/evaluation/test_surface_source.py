@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import pytest
 
-from mgf_engine.evaluation.story import placing
+from mgf_engine.evaluation.surface_source import explain_surface
 from mgf_engine.options.config import make_config
 
 
 def test_by_default_matching_starts_and_ends_it() -> None:
-    start, field, photos = placing(make_config(), 1500)
+    start, field, photos = explain_surface(make_config(), 1500)
     assert start.startswith("Dense matching") and "closed surface" in start
     assert "trained for 1,500 iterations" in field and "fused into one" in field
     assert "choose at each pixel between the field and that surface" in photos
@@ -19,7 +19,7 @@ def test_by_default_matching_starts_and_ends_it() -> None:
 
 
 def test_under_paper_the_field_is_the_surface() -> None:
-    start, field, photos = placing(make_config({"preset": "paper"}), 7000)
+    start, field, photos = explain_surface(make_config({"preset": "paper"}), 7000)
     assert start.startswith("The sparse points") and "eq. 23-26" in field and photos.startswith("No photo is compared")
     assert photos.endswith("as accurate as the field.")
 
@@ -39,6 +39,6 @@ def test_under_paper_the_field_is_the_surface() -> None:
     ],
 )
 def test_each_sentence_says_what_was_set(given: dict, iterations: int, part: str) -> None:
-    sentences = placing(make_config(given), iterations)
+    sentences = explain_surface(make_config(given), iterations)
     assert len(sentences) == 3 and all(s[0].isupper() and s.endswith(".") for s in sentences)
     assert part in " ".join(sentences)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.georef.bars import Bar, measure_bars, read_bars
-from mgf_engine.georef.control import CHECK, CONTROL
+from mgf_engine.georef.control_points import CHECK, CONTROL
+from mgf_engine.georef.scale_bars import ScaleBar, measure_bars, read_bars
 from mgf_engine.georef.triangulate import TriangulatedPoint
 
 
@@ -21,10 +21,10 @@ def placed(**points: tuple[float, float, float]) -> dict[str, TriangulatedPoint]
 
 #: A unit of the normalised frame is 2.5 m here.
 POINTS = placed(a=(0, 0, 0), b=(4, 0, 0), c=(0, 2, 0), d=(0, 0, 8))
-BARS = (Bar("a", "b", 10.0), Bar("a", "c", 5.0), Bar("a", "d", 20.0))
+BARS = (ScaleBar("a", "b", 10.0), ScaleBar("a", "c", 5.0), ScaleBar("a", "d", 20.0))
 
 
-def read(folder: Path, text: str) -> tuple[Bar, ...]:
+def read(folder: Path, text: str) -> tuple[ScaleBar, ...]:
     (folder / "bars.csv").write_text(text)
     return read_bars(folder / "bars.csv")
 
@@ -39,15 +39,18 @@ def test_files_that_cannot_be_used_are_refused(tmp_path: Path, text: str, said: 
         read(tmp_path, text)
 
 
-@pytest.mark.parametrize("bars", [(Bar("a", "z", 3.0),), (Bar("a", "a", 3.0),)])
-def test_bars_that_cannot_be_measured_are_refused(bars: tuple[Bar, ...]) -> None:
+@pytest.mark.parametrize("bars", [(ScaleBar("a", "z", 3.0),), (ScaleBar("a", "a", 3.0),)])
+def test_bars_that_cannot_be_measured_are_refused(bars: tuple[ScaleBar, ...]) -> None:
     with pytest.raises(BadInput, match=f"{bars[0].name} cannot be measured"):
         measure_bars(bars, POINTS, None)
 
 
 def test_columns_by_name_and_by_place(tmp_path: Path) -> None:
-    assert read(tmp_path, "Point1;Distance;Point2;Use\na;1,25;b;check\n") == (Bar("a", "b", 1.25, 0.002, CHECK),)
-    assert read(tmp_path, "a b 1.25 0.01\nb c 2 0.02\n") == (Bar("a", "b", 1.25, 0.01), Bar("b", "c", 2.0, 0.02))
+    assert read(tmp_path, "Point1;Distance;Point2;Use\na;1,25;b;check\n") == (ScaleBar("a", "b", 1.25, 0.002, CHECK),)
+    assert read(tmp_path, "a b 1.25 0.01\nb c 2 0.02\n") == (
+        ScaleBar("a", "b", 1.25, 0.01),
+        ScaleBar("b", "c", 2.0, 0.02),
+    )
 
 
 def test_the_scale_is_the_bars_own() -> None:
@@ -58,18 +61,18 @@ def test_the_scale_is_the_bars_own() -> None:
 
 def test_long_and_accurate_bars_weigh_more() -> None:
     """Weights are squared lengths over accuracies: 10 m at 2 mm against 5 m at 1 mm count alike."""
-    bars = (Bar("a", "b", 10.2), Bar("a", "c", 5.0, 0.001))
+    bars = (ScaleBar("a", "b", 10.2), ScaleBar("a", "c", 5.0, 0.001))
     assert measure_bars(bars, POINTS, None)[0] == pytest.approx((10.2**2 * 2.55 + 10.0**2 * 2.5) / (10.2**2 + 10.0**2))
 
 
 def test_an_outlier_among_three_is_left_out_and_measured() -> None:
-    scale, rows = measure_bars((*BARS[:2], Bar("a", "d", 22.0)), POINTS, None)
+    scale, rows = measure_bars((*BARS[:2], ScaleBar("a", "d", 22.0)), POINTS, None)
     assert scale == pytest.approx(2.5) and [row.used for row in rows] == [True, True, False]
     assert rows[2].found == pytest.approx(20.0) and rows[2].error == pytest.approx(-2.0)
 
 
 def test_check_bars_are_measured_and_do_not_count() -> None:
-    bars = (BARS[0], Bar("a", "d", 30.0, role=CHECK))
+    bars = (BARS[0], ScaleBar("a", "d", 30.0, role=CHECK))
     scale, rows = measure_bars(bars, POINTS, None)
     assert scale == pytest.approx(2.5) and [row.used for row in rows] == [True, False]
     assert measure_bars(bars[1:], POINTS, None)[0] == pytest.approx(3.75)  # nothing else gives a scale
