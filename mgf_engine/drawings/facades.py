@@ -55,9 +55,9 @@ def find_facades(survey: Survey, options: FacadeOptions = FacadeOptions()) -> li
         largest = max(largest, area)
         if area < options.least_area * largest or not near.any():
             break
-        if not any(abs(_between(peak, other)) < options.other_direction for other, _ in found):
+        if not any(abs(_angle_between(peak, other)) < options.other_direction for other, _ in found):
             found.append((peak, wall[near]))
-        left &= np.abs(_between(azimuth, peak)) > options.other_direction
+        left &= np.abs(_angle_between(azimuth, peak)) > options.other_direction
     if not found or largest < 0.02 * survey.areas.sum():
         raise BadInput(
             "The mesh has no vertical plane that could be a facade; name one with three of its points: "
@@ -127,10 +127,10 @@ def plan_frame(survey: Survey, facades: list[Facade]) -> DrawingFrame:
     if not survey.georeference.north_known and facades:
         x = facades[0].frame.x
     y = np.cross([0.0, 0.0, 1.0], x)
-    return _around(survey, DrawingFrame("plan", np.zeros(3), x, y, np.zeros(2), np.zeros(2)))
+    return _with_extent(survey, DrawingFrame("plan", np.zeros(3), x, y, np.zeros(2), np.zeros(2)))
 
 
-def _between(one: NDArray[np.float64] | float, other: float) -> NDArray[np.float64]:
+def _angle_between(one: NDArray[np.float64] | float, other: float) -> NDArray[np.float64]:
     """Compute signed angles between directions in degrees, -180..180."""
     return np.asarray((np.asarray(one) - other + 180) % 360 - 180)
 
@@ -147,11 +147,11 @@ def _peak(azimuth: Array, areas: Array, options: FacadeOptions) -> float:
 def _refined(peak: float, azimuth: Array, areas: Array, options: FacadeOptions) -> tuple[float, NDArray[np.bool_]]:
     """Return the direction around a peak that the walls there agree on, and which faces have it."""
     for reach in (options.same_direction, options.same_direction / 2, options.same_direction / 4):
-        off = _between(azimuth, peak)
+        off = _angle_between(azimuth, peak)
         weight = areas * np.maximum(1 - (off / reach) ** 2, 0) ** 2
         if weight.sum() > 0:
             peak = float(peak + weight @ off / weight.sum()) % 360
-    return peak, np.abs(_between(azimuth, peak)) < options.same_direction
+    return peak, np.abs(_angle_between(azimuth, peak)) < options.same_direction
 
 
 def _level(direction: float) -> Array:
@@ -192,10 +192,10 @@ def _frame(survey: Survey, direction: float, offset: float, name: str) -> Drawin
     normal, up = _level(direction), np.array([0.0, 0.0, 1.0])
     x = np.cross(up, normal)
     left = float((survey.mesh.vertices @ x).min())
-    return _around(survey, DrawingFrame(name, normal * offset + x * left, x, up, np.zeros(2), np.zeros(2)))
+    return _with_extent(survey, DrawingFrame(name, normal * offset + x * left, x, up, np.zeros(2), np.zeros(2)))
 
 
-def _around(survey: Survey, frame: DrawingFrame) -> DrawingFrame:
+def _with_extent(survey: Survey, frame: DrawingFrame) -> DrawingFrame:
     at = frame.to_drawing(survey.mesh.vertices)[:, :2]
     return DrawingFrame(frame.name, frame.origin, frame.x, frame.y, at.min(0), at.max(0))
 

@@ -96,12 +96,12 @@ def compare_with_scan(
     reach = options.reach_share * size if options.reach is None else options.reach
     moved, total = scan, np.eye(4)
     if align != "none":
-        near = _around(moved, low, high, options.first_reach * size)
+        near = _within_box(moved, low, high, options.first_reach * size)
         if len(near) >= options.least_points:
             some = near[np.random.default_rng(0).permutation(len(near))[: options.icp_points]]
             total = align_points(some, mesh, align == "similarity")
             moved = scan @ total[:3, :3].T + total[:3, 3]
-    near = _around(moved, low, high, reach)
+    near = _within_box(moved, low, high, reach)
     squared, face, spot = mesh.closest(near) if len(near) else (np.zeros(0), np.zeros(0, np.int64), near)
     kept = squared < reach**2
     if kept.sum() < options.least_points or np.sqrt(np.median(squared[kept])) > options.aligned * reach:
@@ -116,16 +116,16 @@ def compare_with_scan(
     scores = ScanScores(
         total.tolist(), len(near), len(scan) - len(near), reach, float(outside.mean()),
         float(np.sqrt((outside**2).mean())), median, p90, p95, thresholds,
-        [float((away < t).mean()) for t in thresholds], _covered(mesh, near, reach, options.samples),
+        [float((away < t).mean()) for t in thresholds], _covered_share(mesh, near, reach, options.samples),
     )  # fmt: skip
     return scores, ScanDistances(near, outside)
 
 
-def _around(points: Points, low: Points, high: Points, margin: float) -> Points:
+def _within_box(points: Points, low: Points, high: Points, margin: float) -> Points:
     return points[((points > low - margin) & (points < high + margin)).all(1)]
 
 
-def _covered(mesh: Surface, points: Points, reach: float, samples: int) -> float:
+def _covered_share(mesh: Surface, points: Points, reach: float, samples: int) -> float:
     """Return the share of the mesh's area that lies near scan points."""
     from scipy.spatial import cKDTree
 

@@ -83,7 +83,7 @@ def segment_by_color(
 ) -> NDArray[np.int32]:
     """Segment the building by colour (Felzenszwalb and Huttenlocher 2004): labels from 0, -1 outside, int32 [H, W]."""
     count, result = 0, np.full(inside.shape, -1, np.int32)
-    around = _around(inside, options)
+    around = _padded_box(inside, options)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
     lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, *_BILATERAL), cv2.COLOR_RGB2LAB))
     lab[~dilate(building_here, options.margin)] = 0  # one segment, quickly found
@@ -114,7 +114,7 @@ def select_segments(
         segments: label of each pixel, [H, W]; -1 for none.
         options: limits of size and contrast.
     """
-    around = _around(inside, options)
+    around = _padded_box(inside, options)
     lab = lab_of(photo[around])
     total, sizes = int(inside.sum()), np.bincount(segments[segments >= 0])
     result = []
@@ -134,7 +134,7 @@ def select_segments(
     return result
 
 
-def _around(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, slice]:
+def _padded_box(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, slice]:
     """Return the box that holds the building and a margin."""
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     return (

@@ -116,22 +116,23 @@ def _with_points(
     """Return the scene with points of depth maps where it has none, see :func:`densify_points`."""
     views = range(len(scene.views))
     bare = {
-        i: ~_around(scene, i, depths, options) & ~_beside(leafy(i), depths.photos[i].grey.shape, options) for i in views
+        i: ~_near_known_points(scene, i, depths, options) & ~_near_mask(leafy(i), depths.photos[i].grey.shape, options)
+        for i in views
     }
     found: list[tuple[NDArray[np.float64], NDArray[np.uint8], Flags]] = []
     for index in depths.maps:
         check()
-        points, colors = _new_points(index, depths, bare[index], options)
-        seen = _seen(points, index, depths, len(views))
+        points, colors = _choose_points(index, depths, bare[index], options)
+        seen = _views_showing(points, index, depths, len(views))
         enough = seen.sum(1) >= options.confirmed
         points, colors, seen = points[enough], colors[enough], seen[enough]
         for other in np.flatnonzero(seen.any(0)).tolist():
-            bare[other] &= ~_covered(scene, other, points[seen[:, other]], bare[other].shape, options)
+            bare[other] &= ~_near_new_points(scene, other, points[seen[:, other]], bare[other].shape, options)
         found.append((points, colors, seen))
-    return _joined(scene, *(np.concatenate(parts) for parts in zip(*found, strict=True))) if found else scene
+    return _append_points(scene, *(np.concatenate(parts) for parts in zip(*found, strict=True))) if found else scene
 
 
-def _new_points(
+def _choose_points(
     index: int, depths: Depths, bare: Flags, options: DensifyOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return at most one point [N, 3] for each cell of a photo's bare pixels [h, w], with its grey as colour [N, 3]."""
@@ -150,7 +151,7 @@ def _cell(shape: tuple[int, ...], options: DensifyOptions) -> int:
     return max(2, round(options.cell * max(shape)))
 
 
-def _seen(points: NDArray[np.float64], index: int, depths: Depths, count: int) -> Flags:
+def _views_showing(points: NDArray[np.float64], index: int, depths: Depths, count: int) -> Flags:
     """Find which of ``count`` views show points [N, 3] of one view: it, its neighbours, and theirs; bool [N, count]."""
     result = np.zeros((len(points), count), bool)
     beside = depths.neighbours[index]
@@ -170,32 +171,32 @@ def _smoothly_matched(depth: NDArray[np.float32], options: DensifyOptions) -> Fl
     return np.asarray(matched & ~step, bool)
 
 
-def _around(scene: Scene, index: int, depths: Depths, options: DensifyOptions) -> Flags:
+def _near_known_points(scene: Scene, index: int, depths: Depths, options: DensifyOptions) -> Flags:
     """Find pixels [h, w] of a reduced photo that have a sparse point near by, be it one that only others observed."""
     view, shape = scene.views[index], depths.photos[index].grey.shape
     radius = round(options.reach * max(shape))
     places = np.concatenate(
         [scene.track_uv[scene.observations(index)], view.project(scene.points[depths.confirms(index, scene.points)])[0]]
     )
-    return _spots(places / (view.width, view.height), shape, disc(radius))
+    return _draw_at(places / (view.width, view.height), shape, disc(radius))
 
 
-def _beside(mask: Flags, shape: tuple[int, ...], options: DensifyOptions) -> Flags:
+def _near_mask(mask: Flags, shape: tuple[int, ...], options: DensifyOptions) -> Flags:
     """Return pixels [h, w] of a reduced photo on a mask of any size or beside it."""
     small = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
     return np.asarray(cv2.dilate(small, np.ones((2 * options.window + 1,) * 2, np.uint8)) > 0, bool)
 
 
-def _covered(
+def _near_new_points(
     scene: Scene, index: int, points: NDArray[np.float64], shape: tuple[int, ...], options: DensifyOptions
 ) -> Flags:
     """Return pixels [h, w] of a reduced photo that new points stand for."""
     view = scene.views[index]
     window = np.ones((2 * _cell(shape, options) - 1,) * 2, np.uint8)
-    return _spots(view.project(points)[0] / (view.width, view.height), shape, window)
+    return _draw_at(view.project(points)[0] / (view.width, view.height), shape, window)
 
 
-def _spots(places: NDArray[np.floating], shape: tuple[int, ...], kernel: NDArray[np.uint8]) -> Flags:
+def _draw_at(places: NDArray[np.floating], shape: tuple[int, ...], kernel: NDArray[np.uint8]) -> Flags:
     """Return the kernel at places [N, 2] (x, y as shares of the photo), bool [h, w]."""
     height, width = shape
     result = np.zeros((height, width), np.uint8)
@@ -203,7 +204,7 @@ def _spots(places: NDArray[np.floating], shape: tuple[int, ...], kernel: NDArray
     return np.asarray(cv2.dilate(result, kernel) > 0, bool)
 
 
-def _joined(scene: Scene, points: NDArray[np.float64], colors: NDArray[np.uint8], seen: Flags) -> Scene:
+def _append_points(scene: Scene, points: NDArray[np.float64], colors: NDArray[np.uint8], seen: Flags) -> Scene:
     """Return the scene with points [N, 3] more, and which views see each, [N, V]."""
     owner, view = np.nonzero(seen)
     uv = np.zeros((len(owner), 2))

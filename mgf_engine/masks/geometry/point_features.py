@@ -16,6 +16,8 @@ from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.gravity import horizontal_axes, up_from_cameras
 
+_PLAN_CELLS, _PLAN_MARGIN = 12, 3  # along the longer side of what most points cover, and beyond it on each side
+
 
 @dataclass(frozen=True)
 class PointFeatureOptions:
@@ -112,12 +114,13 @@ def _links(
 
 
 def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64]:
-    """Return height over the lowest points (5th percentile) of a square around, on a grid of the ground plan."""
+    """Return height over the lowest points (5th percentile) of the 3 x 3 cells around, on a grid of the ground plan."""
     axes = horizontal_axes(up)
     low, high = np.percentile(points @ axes.T, [2, 98], axis=0)
-    grid = PlanGrid(axes, low, max(float((high - low).max()) / 12, 1e-9))
-    cells = np.clip(grid.cells(points), -3, 15) + 3
-    floor = np.full((19, 19), np.inf)
+    grid = PlanGrid(axes, low, max(float((high - low).max()) / _PLAN_CELLS, 1e-9))
+    cells = np.clip(grid.cells(points), -_PLAN_MARGIN, _PLAN_CELLS + _PLAN_MARGIN) + _PLAN_MARGIN
+    side = _PLAN_CELLS + 1 + 2 * _PLAN_MARGIN
+    floor = np.full((side, side), np.inf)
     number = np.ravel_multi_index(tuple(cells.T), floor.shape)
     order = np.argsort(number)
     cuts = np.searchsorted(number[order], np.arange(floor.size + 1))
@@ -125,7 +128,7 @@ def _heights(level: NDArray, points: NDArray, up: NDArray) -> NDArray[np.float64
         if end - start >= 3:
             floor.flat[key] = np.percentile(level[order[start:end]], 5)
     padded = np.pad(floor, 1, constant_values=np.inf)
-    lowest = np.min([padded[i : i + 19, j : j + 19] for i in range(3) for j in range(3)], axis=0)
+    lowest = np.min([padded[i : i + side, j : j + side] for i in range(3) for j in range(3)], axis=0)
     lowest[~np.isfinite(lowest)] = np.percentile(level, 5)
     return np.maximum(level - lowest[cells[:, 0], cells[:, 1]], 0)
 

@@ -114,20 +114,40 @@ class GeometricOdds:
         added = graph.added_on_building(probability) & (added_ground < 0.5)
         extent = self._extent(np.concatenate([keep, added]) & ~floaters, ground, others)
         tied = self._tied_to_building(keep, points, appearance, graph.clicked_regions(prompts))
-        within = np.zeros(graph.point_count)
+        odds, first, within = self._evidence_of_views(extent, tied, prompts, views)
+        region_odds += odds
+        region_grounded[:] = first & (ground is not None)
+        point_odds += own.within_odds * within * ~point_grounded
+        return evidence
+
+    def _evidence_of_views(
+        self, extent: BuildingExtent, tied: Array, prompts: Prompts, views: Sequence[int]
+    ) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Compute what the extent of the building in some views says of regions and points.
+
+        Args:
+            extent: of the building.
+            tied: how likely regions belong to the building although no point of it is near, 0..1, [regions].
+            prompts: clicks by view index.
+            views: indices of the views to look at.
+
+        Returns:
+            log-odds of the regions, 0 in other views [regions]; which regions' rays meet the ground first [regions];
+            and the share of its observations in these views that see each point on the building or behind it, [P].
+        """
+        graph = self.graph
         positive = [i for i, clicks in prompts.items() if len(clicks.positive)]
         places = dict(parallel_map(lambda i: (i, extent.view_regions(i)), positive, graph.threads))
         clicked = self._clicks_beyond(places, prompts)
         geometry = parallel_map(lambda i: self._geometry(extent, i, places.get(i), tied, clicked), views, graph.threads)
-        for index, (odds, first, inside) in zip(views, geometry, strict=True):
+        odds, first = np.zeros(graph.region_count), np.zeros(graph.region_count, bool)
+        within = np.zeros(graph.point_count)
+        for index, (own_odds, own_first, seen_within) in zip(views, geometry, strict=True):
             part = slice(graph.start[index], graph.start[index + 1])
-            region_odds[part] += odds
-            region_grounded[part] = first & (ground is not None)
-            within += inside
+            odds[part], first[part] = own_odds, own_first
+            within += seen_within
         observed = graph.scene.track_point[np.isin(graph.scene.track_view, views)]
-        share = within / np.maximum(np.bincount(observed, minlength=graph.point_count), 1)
-        point_odds += own.within_odds * share * ~point_grounded
-        return evidence
+        return odds, first, within / np.maximum(np.bincount(observed, minlength=graph.point_count), 1)
 
     def _rate_ground(self, ground: GroundPlane | None) -> tuple[Array, Array]:
         """Rate how far each sparse point and each added one is ground, 0..1; 0 where there is none."""

@@ -20,6 +20,8 @@ from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.options.algorithms import parameter
 
+_NEIGHBOURS = 10 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])  # px, around a click
+
 
 @dataclass(frozen=True)
 class PromptOutlierOptions:
@@ -134,11 +136,10 @@ def _against(
     graph: LabelGraph, regions: np.ndarray, index: int, clicks: Clicks, options: PromptOutlierOptions
 ) -> list[OutlierPrompt]:
     outliers = []
-    around = np.array([[0, 0], [10, 0], [-10, 0], [0, 10], [0, -10]])
     for positive, points in ((True, clicks.positive), (False, clicks.negative)):
         for row, click in enumerate(points):
             # A click a few pixels over the edge is no contradiction: take the kindest neighbour.
-            here = regions[graph.regions[index].at(click + around)]
+            here = regions[graph.regions[index].at(click + _NEIGHBOURS)]
             probability = float(here.max() if positive else here.min())
             if (probability < options.certain) if positive else (probability > 1 - options.certain):
                 outliers.append(OutlierPrompt(index, positive, row, probability))

@@ -91,21 +91,21 @@ def remove_far_background(
     """
 
     def learn(index: int) -> ElevationColors:
-        return _beside(scene.photo(index), labels[index], scene.views[index], up, options)
+        return _learn_colors(scene.photo(index), labels[index], scene.views[index], up, options)
 
     def cut(index: int) -> None:
         level = _level_of(scene.views[index], up, options)
-        alike = _alike(scene.photo(index), level, levels[index])
+        alike = _find_alike(scene.photo(index), level, levels[index])
         if not _holds_points(alike, level, points_in(index), options):
             labels[index][alike] = BACKGROUND
 
     views = range(len(labels))
-    levels = _agreed(list(parallel_map(learn, views, threads)), options)
+    levels = _agree_on_colors(list(parallel_map(learn, views, threads)), options)
     for _ in parallel_map(cut, views, threads):
         pass
 
 
-def _beside(
+def _learn_colors(
     photo: NDArray[np.uint8],
     labels: NDArray[np.uint8],
     view: View,
@@ -128,7 +128,7 @@ def _beside(
     return result
 
 
-def _agreed(found: list[ElevationColors], options: FarBackgroundOptions) -> list[ElevationColors]:
+def _agree_on_colors(found: list[ElevationColors], options: FarBackgroundOptions) -> list[ElevationColors]:
     """Return each photo's levels, less those that are too uneven or unlike all photos; of all photos where it has
     none."""
     color, near = np.stack([f.color for f in found]), np.stack([f.near for f in found])
@@ -149,7 +149,7 @@ def _median(values: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArray[np.
     return np.asarray(np.ma.median(masked, axis=0).filled(0), np.float32)
 
 
-def _alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: ElevationColors) -> NDArray[np.bool_]:
+def _find_alike(photo: NDArray[np.uint8], level: NDArray[np.int16], levels: ElevationColors) -> NDArray[np.bool_]:
     """Return pixels that have the colour of their level, [H, W]."""
     away = color_distance(_color(photo), levels.color[level])
     return np.asarray((level >= 0) & (away < levels.near[level]), bool)

@@ -43,12 +43,16 @@ def low_texture_share(scene: Scene, masks: MaskSet, options: LowTextureOptions =
         )
         if inner.sum() >= options.window**2:
             shares.append(
-                float(((spread < options.deviation) & ~_seen(scene, index, grey.shape, options))[inner].mean())
+                float(
+                    ((spread < options.deviation) & ~_near_observations(scene, index, grey.shape, options))[
+                        inner
+                    ].mean()
+                )
             )
     return float(np.median(shares)) if shares else 0.0
 
 
-def _seen(scene: Scene, index: int, shape: tuple[int, ...], options: LowTextureOptions) -> np.ndarray:
+def _near_observations(scene: Scene, index: int, shape: tuple[int, ...], options: LowTextureOptions) -> np.ndarray:
     """Return pixels near an observation, bool [H, W]."""
     near = np.zeros(shape, np.uint8)
     near[pixel_at(shape, scene.track_uv[scene.observations(index)])] = 1
