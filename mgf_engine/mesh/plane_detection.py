@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Detect the planes of a mesh by region growing from faces with similar normals, with a robust fit.
 
-The noise of each plane is estimated from the mesh. Curved surfaces are rejected: those where a paraboloid, or the means
+A wall that is bowed by less than the error of stereo comes out as several planes, which are merged. The noise of each
+plane is estimated from the mesh. Curved surfaces are rejected: those where a paraboloid, or the means
 over larger cells, deviate from the plane by more than the low-frequency error of stereo depths.
 """
 
@@ -141,6 +142,7 @@ def find_planes(faces: MeshFaces, options: PlanarOptions) -> Planes:
             continue
         label[grown[1]] = len(found)
         found.append(grown[0])
+    found, label = _merge(faces, found, label, options)
     normals = np.array([plane.normal for plane, _ in found]).reshape(-1, 3)
     offsets = np.array([plane.offset for plane, _ in found])
     return Planes(normals, offsets, np.array([noise for _, noise in found]), label)
@@ -243,8 +245,45 @@ def _grow(
     inside, off = inside[kept], off[kept]
     if faces.area[inside].sum() < options.least_area or _bent(faces, inside, off, plane.normal, options):
         return None
-    corners = (faces.mesh.vertices[faces.mesh.faces[inside]] @ plane.normal - plane.offset) / faces.pixel[inside, None]
-    return (plane, _noise(corners.ravel(), np.repeat(faces.area[inside], 3))), inside
+    return (plane, _vertex_noise(faces, plane, inside)), inside
+
+
+def _merge(
+    faces: MeshFaces, found: list[tuple[Plane, float]], label: NDArray[np.int32], options: PlanarOptions
+) -> tuple[list[tuple[Plane, float]], NDArray[np.int32]]:
+    """Merge planes with larger ones that they lie in, the smallest first; return planes with noise, and labels [F].
+
+    A plane lies in another if their angle is small, 90 % of its faces are near the other and their median distance is
+    noise. The other is then fitted to the faces of both.
+    """
+    rows = [np.flatnonzero(label == number) for number in range(len(found))]
+    area = np.array([faces.area[own].sum() for own in rows])
+    merged = list(found)
+    for number in np.argsort(area, kind="stable"):
+        near = {}
+        for other in np.flatnonzero((area > area[number]) & (area > 0)):
+            if merged[other][0].normal @ merged[number][0].normal > np.cos(np.radians(options.merged_angle)):
+                off = faces.distances(merged[other][0], rows[number])
+                if abs(np.median(off)) < options.sigmas * max(merged[other][1], merged[number][1]):
+                    near[int(other)] = float(np.percentile(np.abs(off), 90))
+        target = min(near, key=lambda other: near[other], default=None)
+        if target is None or near[target] > options.merged_distance:
+            continue
+        rows[target], rows[number] = np.r_[rows[target], rows[number]], rows[number][:0]
+        area[target], area[number] = area[target] + area[number], 0.0
+        plane = _fit(faces, rows[target], np.ones(len(rows[target]))).facing(merged[target][0].normal)
+        merged[target] = (plane, _vertex_noise(faces, plane, rows[target]))
+    kept = [number for number, own in enumerate(rows) if len(own)]
+    label = np.full(len(label), -1, np.int32)
+    for place, number in enumerate(kept):
+        label[rows[number]] = place
+    return [merged[number] for number in kept], label
+
+
+def _vertex_noise(faces: MeshFaces, plane: Plane, rows: NDArray[np.int64]) -> float:
+    """Estimate the standard deviation of the vertices of faces [K] from a plane, in ground pixels."""
+    corners = (faces.mesh.vertices[faces.mesh.faces[rows]] @ plane.normal - plane.offset) / faces.pixel[rows, None]
+    return _noise(corners.ravel(), np.repeat(faces.area[rows], 3))
 
 
 def _fit(faces: MeshFaces, rows: NDArray[np.int64], weight: NDArray[np.float64]) -> Plane:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.mesh.planar import flatten, flatten_planes
+from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.model.mesh import Mesh
 from tests.support.sheets import NOISE, box, joined, noisy, sheet
 
@@ -102,6 +103,19 @@ def test_slow_waves_of_stereo_do_not_keep_a_wall_from_being_flat():
     result = flat(noisy(joined(sheet(line, line[:60], lambda u, v: (u, v, waves(u, v)))), 0.1))
     inside = (result.vertices[:, :2] > 3).all(1) & (result.vertices[:, :2] < (115, 83)).all(1)
     assert rms(result.vertices[inside, 2]) < 0.1 < 0.4 < rms(waves(*result.vertices[inside, :2].T))
+
+
+def test_a_wall_on_both_sides_of_a_pipe_is_one_plane():
+    """Stereo errs by a fraction of a pixel from one side to the other; two planes would leave a step."""
+    line = np.arange(0, 121.0, 1.5)
+    pipe = lambda u: np.where(np.abs(u - 60) < 2, 5.0, 0.0)  # noqa: E731
+    wall = noisy(joined(sheet(line, line[:40], lambda u, v: (u, v, pipe(u) + np.where(u > 60, 0.4, 0.0)))), 0.2)
+    ones = np.ones(len(wall.vertices))
+    apart = flatten_planes(wall, ones, PlanarOptions(merged_distance=0.0)).planes
+    planes = flatten_planes(wall, ones).planes
+    assert apart is not None and planes is not None
+    assert len(apart.normals) == 2 and len(planes.normals) == 1
+    assert (planes.label >= 0).sum() == (apart.label >= 0).sum()
 
 
 def test_a_rough_wall_beside_a_smooth_vault_becomes_flat():
