@@ -13,7 +13,9 @@ def main() -> int:
 
         print("Cancelled.", file=sys.stderr)
         return EXIT_CANCELLED
-    return run()
+    code = run()
+    exec("")  # clears the mark that a Ctrl-C inside an exec leaves: Python would end by the signal, not with the code
+    return code
 
 
 if __name__ == "__main__":

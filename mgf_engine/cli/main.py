@@ -9,18 +9,21 @@ import json
 import logging
 import os
 import shutil
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from mgf_engine.cli.arguments import parse_arguments
 from mgf_engine.cli.option_list import algorithms_text, options_text
 from mgf_engine.console.commands import send_failed, watch_for_cancel
 from mgf_engine.console.terminal import drop_output, make_sink, prepare_streams
-from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, BadInstallation, explain
+from mgf_engine.errors import EXIT_CANCELLED, EXIT_DONE, EXIT_FAULT, BadInput, BadInstallation, explain
 from mgf_engine.jobs.job_folder import remove_refused
 from mgf_engine.messages import Reporter
 from mgf_engine.options.algorithms import algorithms_schema
@@ -42,19 +45,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     prepare_streams()
+    with _noting_ctrl_c() as noted:
+        try:
+            code = _run(args)
+            sys.stdout.flush()
+            return code
+        except BrokenPipeError:  # the reader of the pipe has closed it, as `head` does
+            drop_output()
+            return EXIT_DONE
+        except (Exception, KeyboardInterrupt) as error:
+            code, text = explain(KeyboardInterrupt() if noted else error, resumable=False)
+            if code == EXIT_FAULT:
+                traceback.print_exception(error)
+            print(text if code == EXIT_CANCELLED else f"Error: {text}", file=sys.stderr)
+            return code
+
+
+@contextlib.contextmanager
+def _noting_ctrl_c() -> Iterator[list[int]]:
+    """Note each Ctrl-C beside the exception that it raises: modules in C++ that are being loaded make another one of it
+    ("ImportError: std::bad_cast" with pybind11)."""
+    noted: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        noted.append(number)
+        signal.default_int_handler(number, frame)
+
+    ours = threading.current_thread() is threading.main_thread()
+    ours = ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if ours:
+        signal.signal(signal.SIGINT, note)
     try:
-        code = _run(args)
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:  # the reader of the pipe has closed it, as `head` does
-        drop_output()
-        return EXIT_DONE
-    except (Exception, KeyboardInterrupt) as error:
-        code, text = explain(error, resumable=False)
-        if code == EXIT_FAULT:
-            traceback.print_exception(error)
-        print(f"Error: {text}", file=sys.stderr)
-        return code
+        yield noted
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _run(args: list[str]) -> int:

@@ -4,6 +4,7 @@
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -109,6 +110,42 @@ def test_an_option_value_of_an_earlier_version_is_warned_of(tmp_path: Path, caps
     assert main([*args, "--segmenter", "grabcut"]) == 2  # no photos
     said = capsys.readouterr()
     assert "grabcut has been renamed to segmenter=random_walker" in said.out + said.err
+
+
+def test_ctrl_c_while_a_module_is_being_loaded_cancels(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """pybind11 makes an error of its own of it, which was a traceback and exit code 1."""
+
+    def load(args: list[str]) -> int:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("std::bad_cast") from None
+        return 0
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr("mgf_engine.cli.main._run", load)
+    try:
+        assert main(["evaluate"]) == 3
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr().err == "Cancelled; run again to continue.\n"
+
+
+def test_ctrl_c_inside_an_exec_ends_with_the_exit_code() -> None:
+    """Dataclasses of modules that are being loaded are made so; Python ended by the signal, after our sentence."""
+    code = """
+import signal, sys
+import mgf_engine.cli.main as cli
+from mgf_engine.__main__ import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
+cli._run = lambda args: exec("import signal; signal.raise_signal(signal.SIGINT)")
+sys.exit(main())
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert (run.returncode, run.stderr) == (3, "Cancelled; run again to continue.\n")
 
 
 def test_terminals_without_unicode_get_escapes(tmp_path: Path) -> None:
