@@ -6,7 +6,7 @@ A z-buffer in C (``native/csrc/mesh/zbuffer.c``); a million faces at 750x500 tak
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -164,6 +164,4 @@ def _from_side(
 
 def scaled_view(view: View, factor: float) -> View:
     """Return the same camera with pictures ``factor`` times as large."""
-    width, height = round(view.width * factor), round(view.height * factor)
-    sx, sy = width / view.width, height / view.height
-    return replace(view, width=width, height=height, fx=view.fx * sx, fy=view.fy * sy, cx=view.cx * sx, cy=view.cy * sy)
+    return view.resized(round(view.width * factor), round(view.height * factor))

@@ -10,7 +10,7 @@ of the top-left pixel is (0.5, 0.5).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -108,6 +108,13 @@ class View:
     def centre(self) -> NDArray[np.float64]:
         """Camera centre in the normalised frame, [3]."""
         return -self.rotation.T @ self.translation
+
+    def resized(self, width: int, height: int) -> View:
+        """Return the camera of the photo resized to ``width`` x ``height`` pixels."""
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy
+        )
 
     def pixel_rays(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return x [W] and y [H]: the ray through the centre of a pixel is (x, y, 1) in the camera frame."""

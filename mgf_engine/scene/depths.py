@@ -66,7 +66,7 @@ class Depths:
         photo, depth = self.photos[index], self.maps[index]
         rows, columns = np.nonzero((depth > 0) & wanted)
         pixels = np.c_[columns + 0.5, rows + 0.5, np.ones(len(rows))]
-        local = pixels @ np.linalg.inv(photo.intrinsics).T * depth[rows, columns][:, None]
+        local = pixels @ np.linalg.inv(photo.view.intrinsics).T * depth[rows, columns][:, None]
         points = (local - photo.view.translation) @ photo.view.rotation
         keep = np.zeros(len(points), bool)
         for other in self.neighbours[index]:
@@ -91,7 +91,7 @@ class Depths:
         if index not in self.maps:
             return z, seen
         depth = self.maps[index]
-        uv = local @ self.photos[index].intrinsics.T / np.maximum(z, 1e-9)[:, None]
+        uv = local @ view.intrinsics.T / np.maximum(z, 1e-9)[:, None]
         column, row = np.floor(uv[:, 0]), np.floor(uv[:, 1])
         height, width = depth.shape
         inside = (z > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
@@ -162,9 +162,7 @@ def photo_at(scene: Scene, index: int, inside: NDArray[np.bool_] | None, longest
     if size != (view.width, view.height):
         grey = np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
         wanted = np.asarray(cv2.resize(wanted, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-    sx, sy = size[0] / view.width, size[1] / view.height
-    intrinsics = np.array([[view.fx * sx, 0, view.cx * sx], [0, view.fy * sy, view.cy * sy], [0, 0, 1]])
-    return StereoPhoto(view, grey, wanted > 0, intrinsics)
+    return StereoPhoto(view.resized(*size), grey, wanted > 0)
 
 
 def _merge(depths: list[NDArray[np.float32]], tolerance: float) -> NDArray[np.float32]:

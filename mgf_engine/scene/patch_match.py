@@ -180,9 +180,9 @@ def _search(
     fields[:, planes.pixels] = planes.values
     color = (planes.pixels % width + planes.pixels // width) % 2
     halves = [np.ascontiguousarray(planes.pixels[color == c]) for c in (0, 1)]
-    view, maps = photo.scaled_view, depths if depths is not None else [None] * len(others)
+    view, maps = photo.view, depths if depths is not None else [None] * len(others)
     first = photo_struct(view, [(photo.quads, None, view)])
-    other = photo_struct(view, [(p.quads, depth, p.scaled_view) for p, depth in zip(others, maps, strict=True)])
+    other = photo_struct(view, [(p.quads, depth, p.view) for p, depth in zip(others, maps, strict=True)])
     for number in rounds:
         for c, half in enumerate(halves):
             search = search_struct(photo, planes.bounds, len(others), number, c, depths is not None, options)
@@ -210,7 +210,7 @@ def search_struct(
     search["texture"], search["contrast"] = options.texture, options.contrast
     search["shift"], search["tilt"] = options.shift * factor, options.tilt * factor
     search["consistency"], search["most_off"] = options.consistency if consistent else 0, options.consistency_max_cost
-    search["inverse_focal"] = 1 / photo.intrinsics[0, 0], 1 / photo.intrinsics[1, 1]
+    search["inverse_focal"] = 1 / photo.view.fx, 1 / photo.view.fy
     search["best"], search["seed"] = min(options.best, others), 2 * number + color
     return search
 

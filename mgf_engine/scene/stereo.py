@@ -58,31 +58,22 @@ class StereoOptions:
 
 @dataclass(frozen=True)
 class StereoPhoto:
-    """A view's photo at the resolution that stereo works at, with its intrinsics there.
+    """A view's photo at the resolution that stereo works at.
 
     Attributes:
-        view: the camera, at the photo's full resolution.
+        view: the camera at that resolution.
         grey: uint8 [h, w].
         inside: bool [h, w]; the pixels whose depth is wanted.
-        intrinsics: [3, 3] at this resolution.
     """
 
     view: View
     grey: NDArray[np.uint8]
     inside: NDArray[np.bool_]
-    intrinsics: NDArray[np.float64]
 
     @cached_property
     def quads(self) -> NDArray[np.uint32]:
         """The photo as the kernels read it, [h, w]."""
         return pack_quads(self.grey)
-
-    @property
-    def scaled_view(self) -> View:
-        """The camera at the resolution that stereo works at."""
-        (fx, _, cx), (_, fy, cy), _ = self.intrinsics.tolist()
-        height, width = self.grey.shape
-        return replace(self.view, fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
 
 
 def pair_depth(
@@ -107,7 +98,7 @@ def pair_depth(
     behind = (local[:, 2] <= 0).any() or (local_second[:, 2] <= 0).any()
     if len(points) < options.least_points or baseline < 1e-6 or behind:
         return None
-    focal = (first.intrinsics[0, 0] + second.intrinsics[0, 0]) / 2
+    focal = (first.view.fx + second.view.fx) / 2
     frames = _rectified(first, second, rotation, focal, options)
     if frames is None:
         return None
@@ -117,7 +108,7 @@ def pair_depth(
     if count > options.largest_range:
         return None
     found = _match(left.warp(first.grey), right.warp(second.grey), lowest, count, options)
-    total = found + shift
+    total = (found + shift).astype(np.float64)
     depth_rectified = np.where((found > lowest) & (total > 1e-3), focal * baseline / np.maximum(total, 1e-3), 0)
     return left.depth_in_photo(depth_rectified.astype(np.float32))
 
@@ -167,7 +158,7 @@ class _Frame:
             return None
         box = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.min()],
                         [columns.min(), rows.max() + 1], [columns.max() + 1, rows.max() + 1]], float)  # fmt: skip
-        rays = np.c_[box, np.ones(4)] @ np.linalg.inv(photo.intrinsics).T @ photo.view.rotation @ rotation.T
+        rays = np.c_[box, np.ones(4)] @ np.linalg.inv(photo.view.intrinsics).T @ photo.view.rotation @ rotation.T
         if (rays[:, 2] < options.largest_turn * np.linalg.norm(rays, axis=1)).any():
             return None
         uv = rays[:, :2] / rays[:, 2:] * focal
@@ -179,7 +170,7 @@ class _Frame:
     def to_photo(self) -> NDArray[np.float64]:
         """Return the homography [3, 3] from continuous picture coordinates to continuous photo coordinates."""
         back = np.array([[1, 0, self.left], [0, 1, self.top], [0, 0, self.focal]], float)
-        return self.photo.intrinsics @ self.photo.view.rotation @ self.rotation.T @ back
+        return self.photo.view.intrinsics @ self.photo.view.rotation @ self.rotation.T @ back
 
     def warp(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Rectify the photo's image, uint8 [h, w] -> [height, width]."""
@@ -192,7 +183,7 @@ class _Frame:
         """Convert depth along the frame's z axis [height, width] to the photo's pixels and z axis, [h, w]."""
         height, width = self.photo.grey.shape
         x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-        rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(self.photo.intrinsics).T
+        rays = np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(self.photo.view.intrinsics).T
         turned = rays @ (self.rotation @ self.photo.view.rotation.T).T
         scale = np.maximum(turned[..., 2], 1e-6)
         column = turned[..., 0] / scale * self.focal - self.left - 0.5

@@ -52,7 +52,7 @@ def photo_of(view: View, plain: bool = False) -> tuple[StereoPhoto, np.ndarray]:
     depth = -(view.centre @ normal) / (towards @ normal)
     points = view.centre + depth[..., None] * towards
     grey = np.full(depth.shape, 0.5) if plain else texture(points)
-    return StereoPhoto(view, np.rint(255 * grey).astype(np.uint8), np.ones(depth.shape, bool), view.intrinsics), depth
+    return StereoPhoto(view, np.rint(255 * grey).astype(np.uint8), np.ones(depth.shape, bool)), depth
 
 
 VIEWS = [view_at(0.0, 0.0), view_at(0.7, -0.12), view_at(-0.6, 0.1), view_at(1.1, -0.2)]

@@ -47,7 +47,7 @@ def scene(cameras: list[View], maps: dict[int, np.ndarray]) -> tuple[Any, Depths
     views = SimpleNamespace(
         views=cameras, labels=labels, indices=list(range(len(cameras))), centres=np.stack([c.centre for c in cameras])
     )
-    photos = {i: StereoPhoto(c, labels[i], labels[i] > 0, c.intrinsics) for i, c in enumerate(cameras)}
+    photos = {i: StereoPhoto(c, labels[i], labels[i] > 0) for i, c in enumerate(cameras)}
     return views, Depths(photos, {}, maps, StereoOptions.tolerance)
 
 
