@@ -73,7 +73,7 @@ def check_place(folder: Path, index: str, what: str) -> None:
     Raises:
         BadInput: it is a file, or holds other files.
     """
-    if folder.is_file():
+    if folder.exists() and not folder.is_dir():
         raise BadInput(f"The output '{folder}' is a file; give a folder.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / index).is_file():
         raise BadInput(f"The folder '{folder}' is not empty and holds no {what}; give an empty or new folder.")

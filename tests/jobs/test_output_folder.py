@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,6 +40,9 @@ def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
         check_place(tmp_path, "drawings.json", "drawings")
     with pytest.raises(BadInput, match="is a file"):
         check_place(tmp_path / "thesis.txt", "drawings.json", "drawings")
+    if sys.platform != "win32":  # a device is neither file nor folder: all was drawn before it was refused
+        with pytest.raises(BadInput, match="is a file"):
+            check_place(Path(os.devnull), "drawings.json", "drawings")
     (tmp_path / "drawings.json").touch()
     check_place(tmp_path, "drawings.json", "drawings")
     check_place(tmp_path / "new", "drawings.json", "drawings")
