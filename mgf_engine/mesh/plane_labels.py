@@ -42,6 +42,8 @@ class PlaneLabelOptions:
     small_plane_cost: float = parameter(0.1, "Cost of a plane that is small or noisy")
     small_area: float = parameter(4000.0, "Area below which a plane is small", "ground px²")
     large_noise: float = parameter(0.5, "Standard deviation from which a plane is noisy", "ground px", low=1e-3)
+    sure_area: float = parameter(20000.0, "Area from which on a plane counts as less noisy, in inverse proportion",
+                                 "ground px²")  # fmt: skip
     contrast: float = parameter(8.0, "Standard deviation of a patch that makes the photos sure", "grey levels", low=0.1)
     margin: float = parameter(
         0.3, "Correlation by which the plane must be better where the photos are sure, beyond creases", high=1
@@ -190,7 +192,9 @@ def _plane_costs(
     found = planes.label >= 0
     size = face_areas(mesh)[found] / pixel[mesh.faces[found]].mean(1) ** 2
     areas = np.bincount(planes.label[found], size, len(planes.normals))
-    poor = np.clip(np.maximum(options.small_area / np.maximum(areas, 1e-12), planes.noise / options.large_noise), 0, 1)
+    areas = np.maximum(areas, 1e-12)
+    noisy = planes.noise / options.large_noise * np.minimum(options.sure_area / areas, 1)
+    poor = np.clip(np.maximum(options.small_area / areas, noisy), 0, 1)
     beyond = _beyond_creases(mesh, pixel, planes, candidates, 1 - poor, options)
     return (
         _photo_costs(mesh, pixel, planes, photos, candidates, options)

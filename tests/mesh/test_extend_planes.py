@@ -82,6 +82,14 @@ def test_a_dent_is_filled_where_photos_look_from_nearly_the_same_side():
     assert deepest(extended(wall, views, photo)[1]) < 0.05
 
 
+@pytest.mark.parametrize(("sure_area", "filled"), [(2000.0, True), (1e12, False)])
+def test_a_noisy_plane_is_trusted_the_more_the_larger_it_is(sure_area, filled):
+    """The wall has 22,500 square pixels; by its noise alone it would count as no better than no plane."""
+    options = PlaneExtensionOptions(labels=PlaneLabelOptions(sure_area=sure_area, island_area=0.0))
+    _, result = extended(noisy(dented(3.0), 0.55), cameras(), plain, options)
+    assert (deepest(result) < 1.0) == filled
+
+
 def test_the_widest_angle_is_that_between_the_outermost_rays():
     wall, views = dented(0.0), cameras(count=4, radius=80.0, height=80.0)
     photos = see_vertices(wall, np.ones(len(wall.vertices)), views, lambda number: plain(views[number]))
