@@ -194,8 +194,8 @@ def format_scores(scores: GeometryScores) -> str:
     )
     clean = scores.hygiene
     rows.append(
-        f"{clean.faces} faces in {clean.components} parts, {clean.holes} holes, {clean.non_manifold_edges} "
-        f"non-manifold edges; {scores.truth_seen:.1f}% of the truth seen"
+        f"faces {clean.faces:,}, parts {clean.components}, holes {clean.holes}, non-manifold edges "
+        f"{clean.non_manifold_edges}; {scores.truth_seen:.1f}% of the truth seen"
     )
     if scores.normal_median is not None:
         rows.append(f"normals: median {scores.normal_median:.1f}, 90% below {scores.normal_90:.1f} degrees off")

@@ -35,7 +35,7 @@ def shortage(config: Config, photos: PhotoSummary, budget: float, stages: Sequen
     cure = f"{flags} would make it fit, or allow" if flags else "no option would make it fit: allow"
     return (
         f"The stage '{found.largest}' will need about {needed / GB:.1f} GB of memory, and the job may use "
-        f"{budget / GB:.1f} GB; {cure} more with --memory."
+        f"{budget / GB:.3g} GB; {cure} more with --memory."
     )
 
 

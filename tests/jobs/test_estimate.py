@@ -208,6 +208,7 @@ def test_the_remedy_makes_it_fit_and_a_milder_one_would_not(share: float) -> Non
 def test_nothing_helps_below_what_the_engine_itself_takes() -> None:
     text = shortage(make_config(), PhotoSummary(60, (4000, 3000)), 0.1 * GB)
     assert "no option would make it fit: allow more with --memory" in text
+    assert "may use 0.01 GB" in shortage(make_config(), PhotoSummary(60, (4000, 3000)), 0.01 * GB)
 
 
 def test_a_job_that_cannot_fit_is_refused_before_it_works(house: House, tmp_path: Path, capsys) -> None:
