@@ -14,7 +14,7 @@ def main() -> int:
         print("Cancelled.", file=sys.stderr)
         return EXIT_CANCELLED
     code = run()
-    exec("")  # clears the mark that a Ctrl-C inside an exec leaves: Python would end by the signal, not with the code
+    exec("")  # of nothing: clears the mark that a Ctrl-C inside an exec leaves, with which Python ends by the signal
     return code
 
 
