@@ -139,5 +139,6 @@ def time_and_memory(rows: list[dict[str, Any]]) -> str:
     seconds = sum(row["estimate"]["seconds"] for row in rows)
     memory = max(row["estimate"]["bytes"] for row in rows)
     return (
-        f"Jobs: {len(rows)}, about {format_duration(seconds)} one after the other, {memory / GB:.1f} GB for the largest."
+        f"Jobs: {len(rows)}, about {format_duration(seconds)} one after the other; the largest takes "
+        f"{memory / GB:.1f} GB."
     )
