@@ -261,7 +261,7 @@ def _merge(
     merged = list(found)
     for number in np.argsort(area, kind="stable"):
         near = {}
-        for other in np.flatnonzero((area > area[number]) & (area > 0)):
+        for other in np.flatnonzero(area > area[number]):
             if merged[other][0].normal @ merged[number][0].normal > np.cos(np.radians(options.merged_angle)):
                 off = faces.distances(merged[other][0], rows[number])
                 if abs(np.median(off)) < options.sigmas * max(merged[other][1], merged[number][1]):

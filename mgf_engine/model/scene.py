@@ -163,6 +163,12 @@ def most_pixels(views: Sequence[View]) -> int:
     return max((view.width * view.height for view in views), default=0)
 
 
+def rows_by_view(track_view: NDArray[np.integer], count: int) -> list[NDArray[np.int64]]:
+    """Group observations by their view [T]: the rows of each of ``count`` views, ascending."""
+    order = np.argsort(track_view, kind="stable")
+    return np.split(order, np.searchsorted(track_view[order], np.arange(count + 1)))[1:-1]
+
+
 @dataclass(frozen=True)
 class Scene:
     """Cameras, sparse points and tracks; ``P`` points, ``T`` observations, ``V`` views.
@@ -203,14 +209,11 @@ class Scene:
 
     def observations(self, index: int) -> NDArray[np.int64]:
         """Return rows of the observations of one view, ascending."""
-        order, start = self._by_view
-        return order[start[index] : start[index + 1]]
+        return self._by_view[index]
 
     @cached_property
-    def _by_view(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The observations in the order of their views, [T], and where each view's begin, [V + 1]."""
-        order = np.argsort(self.track_view, kind="stable")
-        return order, np.searchsorted(self.track_view[order], np.arange(len(self.views) + 1))
+    def _by_view(self) -> list[NDArray[np.int64]]:
+        return rows_by_view(self.track_view, len(self.views))
 
     def photo(self, index: int) -> NDArray[np.uint8]:
         """Return the working photo of a view, RGB uint8 [height, width, 3]; it may not be written to."""

@@ -16,6 +16,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
+from mgf_engine.model.scene import rows_by_view
 
 NO_POINT = -1
 #: Models that are not a picture plane at all; no pinhole view can be cut from them as a whole.
@@ -120,14 +121,11 @@ class SparseModel:
 
     def observations(self, index: int) -> NDArray[np.int64]:
         """Return the track elements of one image, ascending."""
-        order, start = self._by_view
-        return order[start[index] : start[index + 1]]
+        return self._by_view[index]
 
     @cached_property
-    def _by_view(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The track elements in the order of their images, [T], and where each image's begin, [V + 1]."""
-        order = np.argsort(self.track_view, kind="stable")
-        return order, np.searchsorted(self.track_view[order], np.arange(len(self.images) + 1))
+    def _by_view(self) -> list[NDArray[np.int64]]:
+        return rows_by_view(self.track_view, len(self.images))
 
 
 def damaged(path: Path, detail: str) -> NoReturn:
