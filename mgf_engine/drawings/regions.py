@@ -36,7 +36,7 @@ class RegionOptions:
     least_plane: float = parameter(
         500.0, "Minimum area of a further plane, fitted to what is in no plane of the mesh", "ground px²"
     )
-    steepest: float = parameter(4.0, "Slope against the drawing's plane from which no further plane is fitted")
+    largest_slope: float = parameter(4.0, "Slope against the drawing's plane from which no further plane is fitted")
     trials: int = parameter(150, "Number of samples of RANSAC, and of further planes", low=1)
     sample: int = parameter(3000, "Number of pixels that RANSAC fits a plane to", low=3)
     least_region: float = parameter(
@@ -192,7 +192,7 @@ def _plane_through(
     points = np.column_stack([at, seen.before[box][row[some], column[some]]])
     three = points[rng.integers(0, len(points), (options.trials, 3))]
     normal = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
-    usable = np.abs(normal[:, 2]) * options.steepest > np.hypot(normal[:, 0], normal[:, 1])
+    usable = np.abs(normal[:, 2]) * options.largest_slope > np.hypot(normal[:, 0], normal[:, 1])
     if not usable.any():
         return None
     normal, origin = normal[usable], three[usable, 0]
@@ -202,7 +202,7 @@ def _plane_through(
     held = points[off[:, k] < near]
     terms = np.column_stack([held[:, :2], np.ones(len(held))])
     slope = np.linalg.lstsq(terms, held[:, 2], rcond=None)[0]
-    return np.asarray(slope) if np.hypot(slope[0], slope[1]) < options.steepest else None
+    return np.asarray(slope) if np.hypot(slope[0], slope[1]) < options.largest_slope else None
 
 
 def _parts(label: NDArray[np.int32], value: int) -> Iterator[tuple[tuple[slice, slice], NDArray[np.bool_]]]:

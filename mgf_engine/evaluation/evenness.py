@@ -40,8 +40,8 @@ class EvennessOptions:
         edge: distance, ground pixels, from whatever leaves the plane up to which a point lies at an edge.
         edge_spacing: distance between the points by which edges are found, ground pixels.
         edge_samples: maximum number of these points.
-        steepest: median of the angle between a plane and the faces in it, degrees, above which it is none of the mesh
-            but cuts through what leaves the walls.
+        largest_median_angle: maximum median angle between a plane and the faces in it, degrees; above it, the plane is
+            none of the mesh but cuts through what leaves the walls.
     """
 
     samples: int = 100_000
@@ -56,7 +56,7 @@ class EvennessOptions:
     edge: float = 6.0
     edge_spacing: float = 2.0
     edge_samples: int = 1_000_000
-    steepest: float = 45.0
+    largest_median_angle: float = 45.0
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def measure_evenness(
         away = (points[held] - centre) @ normal
         angles = np.degrees(np.arccos(np.clip(np.abs(normals[held] @ normal), 0.0, 1.0)))
         left = np.setdiff1d(left, held, assume_unique=True)
-        if np.median(angles) > options.steepest:
+        if np.median(angles) > options.largest_median_angle:
             continue
         interior = _away_from_edges(points[held], around, centre, normal, ground_pixel, options)
         planes.append(

@@ -182,6 +182,27 @@ def track_votes(scene: Scene, labels: LabelMaps, views: Sequence[int], dilation:
     return Votes(inside, outside)
 
 
+def observed_votes(
+    scene: Scene, labels: LabelMaps, index: int, dilation: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Votes]:
+    """Count the votes of one photo on the sparse points that it observed.
+
+    Args:
+        scene: tracks of the sparse points.
+        labels: label maps of all views, uint8 [H, W] each.
+        index: of the view that votes.
+        dilation: of the mask, px.
+
+    Returns:
+        The points, ascending, [N]; the place among them of each observation of the photo, [O]; and the votes on them.
+    """
+    here = scene.observations(index)
+    points, place = np.unique(scene.track_point[here], return_inverse=True)
+    hit, missed = _cast(labels[index], scene.track_uv[here], place, dilation)
+    inside, outside = (np.bincount(rows, minlength=len(points)).astype(np.int32) for rows in (hit, missed))
+    return points, place, Votes(inside, outside)
+
+
 def observed_pixels(scene: Scene, index: int, points: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the pixels at which a photo observed those of the scene's points [P] that are chosen, [N, 2]."""
     here = scene.observations(index)

@@ -19,7 +19,7 @@ from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.planar import Flattened
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, smooth_borders, undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, Planes
-from mgf_engine.mesh.plane_labels import PlaneLabelOptions, fill_islands, label_vertices
+from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges
@@ -67,8 +67,7 @@ def extend_planes(
     planes = flat.planes
     if planes is None:
         return _marked(flat.mesh, np.zeros(len(pixel), bool))
-    label = label_vertices(mesh, pixel, planes, photos, options.labels)
-    label = fill_islands(mesh, pixel, planes, label, flat.plane, options.labels)
+    label = label_vertices(mesh, pixel, planes, photos, flat.plane, options.labels)
     some = np.flatnonzero(label >= 0)
     constraint = _constraints(mesh, pixel, planes, label, options)
     single = constraint.single(len(label))

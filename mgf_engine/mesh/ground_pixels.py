@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,48 +34,50 @@ def ground_pixels(mesh: Mesh, views: Sequence[View]) -> NDArray[np.float32]:
     """
     if not views or not len(mesh.vertices):
         return np.zeros(len(mesh.vertices), np.float32)
-    centres = np.array([view.centre for view in views])
-    tree = cKDTree(centres)
+    cameras = _Cameras.of(views)
+    tree = cKDTree(cameras.centres)
     pixels = np.array([1.0 / max(view.fx, view.fy) for view in views])
     normals = vertex_normals(mesh)
     distance, nearest = tree.query(mesh.vertices, workers=-1)
     size = (distance * pixels[nearest]).astype(np.float32)
-    hidden = np.flatnonzero(~_is_shown(mesh.vertices, normals, centres, views, nearest))
+    hidden = np.flatnonzero(~cameras.show(mesh.vertices, normals, nearest))
     for rows in np.array_split(hidden, -(-len(hidden) // VERTICES_AT_ONCE) or 1):  # for these more views are sought
         vertices, directions = mesh.vertices[rows], normals[rows]
         distance, nearest = tree.query(vertices, k=list(range(1, min(NEAREST, len(views)) + 1)), workers=-1)
         found = np.zeros(len(rows), bool)
-        for shows in (_is_shown, _is_faced):
+        for shows in (cameras.show, cameras.are_faced):
             for k in range(nearest.shape[1]):
                 left = np.flatnonzero(~found)
-                good = left[shows(vertices[left], directions[left], centres, views, nearest[left, k])]
+                good = left[shows(vertices[left], directions[left], nearest[left, k])]
                 size[rows[good]] = distance[good, k] * pixels[nearest[good, k]]
                 found[good] = True
     return size
 
 
-def _is_faced(
-    vertices: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    centres: NDArray[np.float64],
-    views: Sequence[View],
-    number: NDArray[np.integer],
-) -> NDArray[np.bool_]:
-    """Tell which vertices [N, 3] look towards their view, of which the number is given, [N]."""
-    towards: NDArray[np.bool_] = ((centres[number] - vertices) * normals).sum(1) > 0
-    return towards
+@dataclass(frozen=True)
+class _Cameras:
+    """The views and their centres, [V, 3]."""
 
+    views: Sequence[View]
+    centres: NDArray[np.float64]
 
-def _is_shown(
-    vertices: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    centres: NDArray[np.float64],
-    views: Sequence[View],
-    number: NDArray[np.integer],
-) -> NDArray[np.bool_]:
-    """Tell which vertices [N, 3] look towards their view, [N], and lie in its frame."""
-    shown = _is_faced(vertices, normals, centres, views, number)
-    for view in np.unique(number[shown]):
-        rows = np.flatnonzero(shown & (number == view))
-        shown[rows] = views[view].project_into_frame(vertices[rows])[2]
-    return shown
+    @classmethod
+    def of(cls, views: Sequence[View]) -> _Cameras:
+        return cls(views, np.array([view.centre for view in views]))
+
+    def are_faced(
+        self, vertices: NDArray[np.float64], normals: NDArray[np.float64], number: NDArray[np.integer]
+    ) -> NDArray[np.bool_]:
+        """Tell which vertices [N, 3] look towards their view, of which the number is given, [N]."""
+        towards: NDArray[np.bool_] = ((self.centres[number] - vertices) * normals).sum(1) > 0
+        return towards
+
+    def show(
+        self, vertices: NDArray[np.float64], normals: NDArray[np.float64], number: NDArray[np.integer]
+    ) -> NDArray[np.bool_]:
+        """Tell which vertices [N, 3] look towards their view, [N], and lie in its frame."""
+        shown = self.are_faced(vertices, normals, number)
+        for view in np.unique(number[shown]):
+            rows = np.flatnonzero(shown & (number == view))
+            shown[rows] = self.views[view].project_into_frame(vertices[rows])[2]
+        return shown

@@ -28,8 +28,8 @@ class PlanarOptions:
     same_shift: float = parameter(0.15, "Maximum distance between two planes that are one", "ground px")
     merged_angle: float = parameter(1.5, "Maximum angle between two planes that are merged", "degrees")
     merged_distance: float = parameter(
-        1.25, "Maximum distance of 90 % of a plane's faces from a larger plane that it is merged with; 0 merges none",
-        "ground px",
+        1.25, "Maximum distance of 90 % of a plane's faces from a larger plane that it is merged with; 0 merges"
+        " coincident planes only", "ground px",
     )  # fmt: skip
     band: float = parameter(1.0, "Distance from a plane up to which faces belong to it and vertices move into it",
                             "ground px", low=1e-3)  # fmt: skip

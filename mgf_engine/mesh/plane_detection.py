@@ -37,12 +37,14 @@ class Planes:
         normals: unit, outward, [P, 3].
         offsets: ``normals @ x = offsets`` in the mesh's units, [P].
         noise: standard deviation of the vertices of these faces, in ground pixels, [P].
+        area: of these faces, in square ground pixels, [P].
         label: the plane of each face, -1 for none, int32 [F].
     """
 
     normals: NDArray[np.float64]
     offsets: NDArray[np.float64]
     noise: NDArray[np.float64]
+    area: NDArray[np.float64]
     label: NDArray[np.int32]
 
     def distances(self, points: NDArray[np.float64], plane: NDArray[np.integer]) -> NDArray[np.float64]:
@@ -145,7 +147,9 @@ def find_planes(faces: MeshFaces, options: PlanarOptions) -> Planes:
     found, label = _merge(faces, found, label, options)
     normals = np.array([plane.normal for plane, _ in found]).reshape(-1, 3)
     offsets = np.array([plane.offset for plane, _ in found])
-    return Planes(normals, offsets, np.array([noise for _, noise in found]), label)
+    inside = label >= 0
+    area = np.asarray(np.bincount(label[inside], faces.area[inside], len(found)), np.float64)
+    return Planes(normals, offsets, np.array([noise for _, noise in found]), area, label)
 
 
 def _seeds(faces: MeshFaces, options: PlanarOptions) -> list[NDArray[np.int64]]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.clean import face_areas, vertex_areas
+from mgf_engine.geometry.clean import vertex_areas
 from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.mesh.near_planes import Index, NearPlanes, join_ranges, near_planes
@@ -87,7 +87,12 @@ class _Candidates:
 
 
 def label_vertices(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, options: PlaneLabelOptions = PlaneLabelOptions()
+    mesh: Mesh,
+    pixel: Array,
+    planes: Planes,
+    photos: PatchPhotos,
+    flat: NDArray[np.int32],
+    options: PlaneLabelOptions = PlaneLabelOptions(),
 ) -> NDArray[np.int32]:
     """Choose the plane of each vertex, int32 [N], -1 for none.
 
@@ -96,17 +101,21 @@ def label_vertices(
         pixel: size of a ground pixel at each vertex, [N].
         planes: found on this mesh.
         photos: what sees its vertices.
+        flat: the plane that flattening moved each vertex into, [N], -1 for none.
         options: costs and distances.
     """
+    area = vertex_areas(mesh) / pixel**2
     candidates = _candidates(mesh, pixel, planes, options)
-    counted = np.minimum(_areas(mesh, pixel), options.largest_area)
+    counted = np.minimum(area, options.largest_area)
     cost = counted[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, options)
-    return _choose(mesh, pixel, planes, candidates.near, cost, counted * options.no_plane_cost, options)
+    label = _choose(mesh, pixel, planes, candidates.near, cost, counted * options.no_plane_cost, options)
+    return fill_islands(mesh, pixel, area, planes, label, flat, options)
 
 
 def fill_islands(
     mesh: Mesh,
     pixel: Array,
+    area: Array,
     planes: Planes,
     label: NDArray[np.int32],
     flat: NDArray[np.int32],
@@ -119,6 +128,7 @@ def fill_islands(
     Args:
         mesh: normalised frame.
         pixel: size of a ground pixel at each vertex, [N].
+        area: a third of that of the faces around each vertex, in square ground pixels, [N].
         planes: found on this mesh.
         label: the plane of each vertex, [N], -1 for none.
         flat: the plane that flattening moved each vertex into, [N], -1 for none.
@@ -135,7 +145,7 @@ def fill_islands(
     total = np.bincount(around, minlength=count)
     sums = np.stack([np.bincount(around, planes.normals[plane, k], count) for k in range(3)], 1)
     parallel = np.linalg.norm(sums, axis=1) > np.cos(np.radians(options.crease / 4)) * np.maximum(total, 1)
-    small = np.bincount(group, _areas(mesh, pixel), count) < options.island_area
+    small = np.bincount(group, area, count) < options.island_area
     rows = np.flatnonzero(free & (parallel & (total > 0) & small)[group])
     own = frequent[group[rows]]
     height = np.zeros(count)
@@ -169,11 +179,6 @@ def _most_frequent(group: NDArray[np.integer], plane: Index, groups: int, planes
     return frequent
 
 
-def _areas(mesh: Mesh, pixel: Array) -> Array:
-    """Return a third of the area of the faces around each vertex, in square ground pixels, [N]."""
-    return np.asarray(vertex_areas(mesh) / pixel**2, np.float64)
-
-
 def _candidates(mesh: Mesh, pixel: Array, planes: Planes, options: PlaneLabelOptions) -> _Candidates:
     """Return the planes that each vertex may get; none that it faces away from."""
     near, normals = near_planes(mesh, pixel, planes, options.reach, options.rings), vertex_normals(mesh)
@@ -189,10 +194,7 @@ def _plane_costs(
 ) -> Array:
     """Return what each pair costs per square ground pixel, [K]."""
     near = candidates.near
-    found = planes.label >= 0
-    size = face_areas(mesh)[found] / pixel[mesh.faces[found]].mean(1) ** 2
-    areas = np.bincount(planes.label[found], size, len(planes.normals))
-    areas = np.maximum(areas, 1e-12)
+    areas = np.maximum(planes.area, 1e-12)
     noisy = planes.noise / options.large_noise * np.minimum(options.sure_area / areas, 1)
     poor = np.clip(np.maximum(options.small_area / areas, noisy), 0, 1)
     beyond = _beyond_creases(mesh, pixel, planes, candidates, 1 - poor, options)

@@ -55,6 +55,8 @@ RENAMED_OPTIONS = {
     "mesh_refinement.sure": "mesh_refinement.search_tolerance",
     "ground_homography.colour": "ground_homography.color",
     "start_lines.colour": "start_lines.color",
+    "regions.steepest": "regions.largest_slope",
+    "solid_evidence.steepest": "solid_evidence.largest_tilt",
 }
 
 

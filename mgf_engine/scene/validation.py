@@ -103,16 +103,20 @@ def _without_foreign(
         reporter: for warnings.
         options: limits of the correlation.
     """
-    foreign, others = find_outlier_views(brightness, scene, options)
-    uncertain = others < options.usual_consistency or len(foreign) > options.most_outliers * len(scene.views)
-    if (foreign and uncertain) or (
-        not foreign and consistency_quartile(brightness, scene, options) < options.usual_consistency
-    ):
+    foreign, consistency = find_outlier_views(brightness, scene, options)
+    others = consistency[np.isfinite(consistency)]
+    if foreign:
+        few = len(foreign) <= options.most_outliers * len(scene.views)
+        clear = few and len(others) > 0 and bool(np.percentile(others, 25) >= options.usual_consistency)
+    else:
+        clear = len(others) < 3 or bool(np.percentile(others, 75) >= options.usual_consistency)
+    if not clear:
         reporter.warning(
             "The photos show the same points at very different brightness: moving shadows, clipped exposure or "
             "photos of another place. Remove the photos that differ."
         )
-    elif foreign:
+        return scene
+    if foreign:
         reporter.warning(
             f"{len(foreign)} of {len(scene.views)} photos do not match the COLMAP model and are left out "
             f"({_names(scene, foreign)}); check whether they show another place."
@@ -161,15 +165,19 @@ def find_outlier_points(scene: Scene, options: AdjustOptions = AdjustOptions()) 
 
 def find_outlier_views(
     brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()
-) -> tuple[list[int], float]:
+) -> tuple[list[int], Array]:
     """Find photos whose brightness at their points hardly correlates with that in other photos.
 
     The worst third is taken out at a time: foreign photos lower the correlation of their neighbours, too. Empty where
-    the photos hardly resemble each other at all. Also what three quarters of the others reach of
-    :func:`photo_consistency`.
+    the photos hardly resemble each other at all.
 
     Args:
         brightness: of each observation, [T].
+        scene: its points, and the views that observed each.
+        options: limits of the correlation.
+
+    Returns:
+        Their numbers, ascending, and :func:`photo_consistency` of the others, [V], NaN for those found.
     """
     found: list[int] = []
     while True:
@@ -177,16 +185,8 @@ def find_outlier_views(
         alike[found] = np.nan
         low = np.flatnonzero(alike < options.outlier_consistency)
         if not len(low) or np.isfinite(alike).sum() < 3 or np.nanpercentile(alike, 75) < options.usual_consistency:
-            known = alike[np.isfinite(alike)]
-            return sorted(found), float(np.percentile(known, 25)) if len(known) else 0.0
+            return sorted(found), alike
         found += low[np.argsort(alike[low], kind="stable")][: -(-len(low) // 3)].tolist()
-
-
-def consistency_quartile(brightness: Array, scene: Scene, options: ValidationOptions = ValidationOptions()) -> float:
-    """Return the upper quartile of :func:`photo_consistency` over the photos; 1 if it is known of fewer than three."""
-    alike = photo_consistency(brightness, scene, np.ones(len(brightness), bool), options)
-    known = alike[np.isfinite(alike)]
-    return float(np.percentile(known, 75)) if len(known) >= 3 else 1.0
 
 
 def photo_consistency(

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from mgf_engine.geometry.clean import vertex_areas
 from mgf_engine.mesh.extend_planes import ON_PLANE, PlaneExtensionOptions, extend_planes
 from mgf_engine.mesh.extract import finish_mesh
 from mgf_engine.mesh.near_planes import near_planes
@@ -195,7 +196,13 @@ def test_views_that_see_a_vertex_best_face_it_and_nothing_hides_it():
 def flat_planes(mesh, heights):
     """Planes z = height of which none was found on a face, but the first on all."""
     normals = np.tile([0.0, 0, 1], (len(heights), 1))
-    return Planes(normals, np.array(heights, float), np.zeros(len(heights)), np.zeros(len(mesh.faces), np.int32))
+    return Planes(
+        normals,
+        np.array(heights, float),
+        np.zeros(len(heights)),
+        np.ones(len(heights)),
+        np.zeros(len(mesh.faces), np.int32),
+    )
 
 
 def test_labels_of_least_cost_agree_with_trying_all():
@@ -232,7 +239,7 @@ def test_labels_of_least_cost_agree_with_trying_all():
 def test_planes_spread_along_edges_up_to_their_reach():
     mesh = joined(sheet(np.arange(30.0), np.arange(4.0), lambda u, v: (u, v, np.maximum(u - 10, 0) * 0.5)))
     label = np.where(mesh.vertices[mesh.faces][:, :, 0].max(1) <= 10, 0, -1).astype(np.int32)
-    planes = Planes(np.array([[0.0, 0, 1]]), np.zeros(1), np.zeros(1), label)
+    planes = Planes(np.array([[0.0, 0, 1]]), np.zeros(1), np.zeros(1), np.ones(1), label)
     for rings, reach, last in ((3, 100.0, 13), (50, 2.0, 14), (0, 100.0, 10)):
         near = near_planes(mesh, np.ones(len(mesh.vertices)), planes, reach, rings)
         assert mesh.vertices[near.vertex, 0].max() == last
@@ -252,10 +259,10 @@ def test_a_vertex_does_not_go_beyond_the_crease_of_its_plane():
 def test_labels_are_of_planes_or_none():
     mesh = worn_box()
     pixel = np.ones(len(mesh.vertices))
-    planes = flatten_planes(mesh, pixel).planes
-    views = outside_views()
+    flat = flatten_planes(mesh, pixel)
+    planes, views = flat.planes, outside_views()
     photos = see_vertices(mesh, pixel, views, lambda number: plain(views[number]))
-    label = label_vertices(mesh, pixel, planes, photos)
+    label = label_vertices(mesh, pixel, planes, photos, flat.plane)
     assert label.shape == (len(mesh.vertices),)
     assert label.min() >= -1
     assert label.max() < len(planes.normals)
@@ -269,12 +276,12 @@ def island(radius, height=1.5, turn=0.0, flattened=False):
     mesh = joined(sheet(LINE, LINE, lambda u, v: (u, v, height * (np.hypot(u - 75, v - 75) < radius))))
     angle = np.radians(turn)
     normals = np.array([[0, 0, 1.0], [np.sin(angle), 0, np.cos(angle)]])
-    planes = Planes(normals, normals @ MIDDLE, np.full(2, 0.1), np.zeros(len(mesh.faces), np.int32))
+    planes = Planes(normals, normals @ MIDDLE, np.full(2, 0.1), np.ones(2), np.zeros(len(mesh.faces), np.int32))
     inside = np.hypot(*(mesh.vertices[:, :2] - 75).T) < radius
     wall = np.where(inside, -1, mesh.vertices[:, 0] > 75.1).astype(np.int32)
     none = np.full(len(wall), -1, np.int32)
     label, flat = (none, wall) if flattened else (wall, none)
-    result = fill_islands(mesh, np.ones(len(label)), planes, label, flat)
+    result = fill_islands(mesh, np.ones(len(label)), vertex_areas(mesh), planes, label, flat)
     assert np.array_equal(result[~inside], label[~inside])
     return result[inside]
 

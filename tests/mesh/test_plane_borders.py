@@ -18,7 +18,9 @@ def wall():
 def undone(mesh, before, at, label):
     """Folds taken back where all faces have the plane z = 0 (label 0) or none (-1)."""
     labels = np.full(len(mesh.faces), label, np.int32)
-    return undo_folds(mesh, before, at, Planes(np.array([[0, 0, 1.0]]), np.zeros(1), np.full(1, 0.1), labels), labels)
+    return undo_folds(
+        mesh, before, at, Planes(np.array([[0, 0, 1.0]]), np.zeros(1), np.full(1, 0.1), np.ones(1), labels), labels
+    )
 
 
 def two_planes(step, turn=0.0):
@@ -27,7 +29,7 @@ def two_planes(step, turn=0.0):
     label = (mesh.vertices[:, 0] > 30.1).astype(np.int32)
     normals = np.array([[0, 0, 1.0], [np.sin(angle), 0, np.cos(angle)]])
     offsets = np.array([0.0, step + normals[1] @ [30, 30, 0]])
-    return mesh, Planes(normals, offsets, np.full(2, 0.1), np.zeros(len(mesh.faces), np.int32)), label
+    return mesh, Planes(normals, offsets, np.full(2, 0.1), np.ones(2), np.zeros(len(mesh.faces), np.int32)), label
 
 
 def slopes(step, turn=0.0, single=None, options=PlaneBorderOptions()):

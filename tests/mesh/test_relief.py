@@ -33,7 +33,9 @@ def photographed(mesh, photo):
 def heights(mesh, photo=None, options=ReliefOptions()):
     """Relief of all vertices over the plane z = 0, by photos of the mesh itself where no others are given."""
     count = len(mesh.vertices)
-    plane = Planes(np.array([[0.0, 0, 1]]), np.zeros(1), np.full(1, 0.2), np.zeros(len(mesh.faces), np.int32))
+    plane = Planes(
+        np.array([[0.0, 0, 1]]), np.zeros(1), np.full(1, 0.2), np.ones(1), np.zeros(len(mesh.faces), np.int32)
+    )
     relief = Relief(photographed(mesh, photo or textured(mesh)), options)
     return relief.heights(mesh, np.ones(count), plane, np.arange(count), np.zeros(count, np.int64))
 

@@ -23,7 +23,7 @@ from mgf_engine.masks.propagation.superpixels import Superpixels
 from mgf_engine.model.scene import Scene
 
 Array = NDArray[np.float64]
-_CLICK_CROSS = 5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])  # px, where a click counts, around its pixel
+_CLICK_ARM = 5  # px from a click at which it counts, too
 
 
 class LabelGraph:
@@ -87,7 +87,7 @@ class LabelGraph:
         for index, clicks in prompts.items():
             for points, value in ((clicks.positive, 1.0), (clicks.negative, 0.0)):
                 for click in points:
-                    nodes = self.regions[index].at(click + _CLICK_CROSS) + self.start[index]
+                    nodes = self.regions[index].at_cross(click, _CLICK_ARM) + self.start[index]
                     np.add.at(pull, nodes, self.options.click_weight)
                     np.add.at(wanted, nodes, self.options.click_weight * value)
         return pull, wanted / np.maximum(pull, 1e-12)

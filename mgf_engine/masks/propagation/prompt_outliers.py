@@ -20,7 +20,7 @@ from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.options.algorithms import parameter
 
-_NEIGHBOURS = 10 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])  # px, around a click
+_EDGE_ARM = 10  # px that a click may lie over the edge
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _against(
     for positive, points in ((True, clicks.positive), (False, clicks.negative)):
         for row, click in enumerate(points):
             # A click a few pixels over the edge is no contradiction: take the kindest neighbour.
-            here = regions[graph.regions[index].at(click + _NEIGHBOURS)]
+            here = regions[graph.regions[index].at_cross(click, _EDGE_ARM)]
             probability = float(here.max() if positive else here.min())
             if (probability < options.certain) if positive else (probability > 1 - options.certain):
                 outliers.append(OutlierPrompt(index, positive, row, probability))

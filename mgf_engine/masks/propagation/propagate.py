@@ -18,7 +18,15 @@ from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.densify_points import DensifyOptions, densify_points
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
 from mgf_engine.masks.map_photos import map_photos
-from mgf_engine.masks.points import VoteOptions, Votes, choose_voters, observed_pixels, track_votes, vote
+from mgf_engine.masks.points import (
+    VoteOptions,
+    Votes,
+    choose_voters,
+    observed_pixels,
+    observed_votes,
+    track_votes,
+    vote,
+)
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.propagation.appearance import vegetation_probability
 from mgf_engine.masks.propagation.correct_masks import MaskCorrection
@@ -154,12 +162,13 @@ class _Propagator:
             self.reporter.progress(done)
 
     def _segment(self, index: int, accepted: NDArray[np.bool_]) -> Segment:
-        return draw_mask(self.segmenter, self.scene.photo(index), self._hints(index, accepted), self.options)
+        hints = self._hints(index, accepted[self.owner[self.scene.observations(index)]])
+        return draw_mask(self.segmenter, self.scene.photo(index), hints, self.options)
 
     def _hints(self, index: int, accepted: NDArray[np.bool_]) -> Hints:
+        """Return what the segmenter is told of a photo; ``accepted``: of its observations, bool [O]."""
         clicks = self.prompts.get(index, Clicks())
-        here = accepted[self.owner[self.scene.observations(index)]]
-        return make_hints(self.scene, index, clicks, self.regions[index], self.probability, here)
+        return make_hints(self.scene, index, clicks, self.regions[index], self.probability, accepted)
 
     def _vote(self, voters: list[int]) -> NDArray[np.bool_]:
         """Return the points that the voters' masks accept; probability decides where none of them observed one."""
@@ -201,19 +210,14 @@ class _Propagator:
         return self._disagreement(index, votes)[0]
 
     def _disagreement(self, index: int, votes: Votes) -> tuple[float, NDArray[np.bool_]]:
-        """Return the share of a photo's points that two other masks or more contradict, and the points they accept."""
-        here = self.scene.observations(index)
-        points = self.owner[here]
-        if not len(points):
-            return 0.0, self.probability.points > 0.5
-        own = track_votes(self.scene, self.labels, [index], self.vote_options.dilation)
-        others = Votes(votes.inside - own.inside, votes.outside - own.outside)
-        known = others.inside + others.outside > 0
-        accepted = np.where(known, others.inside > others.outside, self.probability.points > 0.5)
-        sure = np.abs(others.inside - others.outside)[points] >= 2
-        y, x = pixel_at(self.labels[index].shape, self.scene.track_uv[here])
-        mine = own.inside[points] > 0
-        differ = (mine != accepted[points]) & sure & (self.labels[index][y, x] != IGNORE)
+        """Return the share of a photo's observations that two other masks or more contradict, and those that they
+        accept, bool [O]."""
+        points, place, own = observed_votes(self.scene, self.labels, index, self.vote_options.dilation)
+        inside, outside = votes.inside[points] - own.inside, votes.outside[points] - own.outside
+        accepted = np.where(inside + outside > 0, inside > outside, self.probability.points[points] > 0.5)[place]
+        sure = (np.abs(inside - outside) >= 2)[place]
+        y, x = pixel_at(self.labels[index].shape, self.scene.track_uv[self.scene.observations(index)])
+        differ = ((own.inside > 0)[place] != accepted) & sure & (self.labels[index][y, x] != IGNORE)
         return float(differ.sum() / max(1, sure.sum())), accepted
 
     def _finish(self, disagreement: NDArray[np.float64], outliers: list[OutlierPrompt]) -> Propagation:

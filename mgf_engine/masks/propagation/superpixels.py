@@ -32,6 +32,9 @@ class SuperpixelOptions:
     speck: int = parameter(20, "Size below which a piece joins a neighbour, in percent of the usual size", high=100)
 
 
+_CROSS = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+
+
 @dataclass(frozen=True)
 class Superpixels:
     """Superpixels of one photo; ``S`` regions, ``E`` pairs of neighbours.
@@ -62,6 +65,10 @@ class Superpixels:
     def at(self, uv: NDArray[np.floating]) -> NDArray[np.int32]:
         """Look up the region under working pixels [N, 2] (clamped to the frame), [N]."""
         return self.labels[pixel_at(self.labels.shape, uv * np.asarray(self.scale, uv.dtype))]
+
+    def at_cross(self, uv: NDArray[np.float64], arm: float) -> NDArray[np.int32]:
+        """Look up the regions under a working pixel [2] and ``arm`` pixels left, right, above and below, [5]."""
+        return self.at(uv + arm * _CROSS)
 
 
 def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = SuperpixelOptions()) -> Superpixels:

@@ -151,7 +151,7 @@ def _roofs(regions: RegionMap, inside: NDArray[np.bool_], options: EvidenceOptio
     count = np.bincount(np.where(regions.label < LOOSE, regions.label, 0)[inside], minlength=len(regions.slope) + 1)
     slope = np.hypot(regions.slope[:, 0], regions.slope[:, 1])
     kept = np.flatnonzero(
-        (count[1:] > options.least_roof * inside.sum()) & (slope < np.tan(np.radians(options.steepest)))
+        (count[1:] > options.least_roof * inside.sum()) & (slope < np.tan(np.radians(options.largest_tilt)))
     )
     number = np.zeros(len(regions.slope) + 1, np.int32)
     number[kept + 1] = np.arange(1, len(kept) + 1)

@@ -16,7 +16,7 @@ class EvidenceOptions:
 
     detail_pixels: float = parameter(8.0, "Detail, where none is given", "ground px", low=0.1)
     detail_share: float = parameter(0.01, "Minimum of that detail, as a share of the building's size", high=1)
-    steepest: float = parameter(75.0, "Largest tilt of a roof plane", "degrees", high=89)
+    largest_tilt: float = parameter(75.0, "Largest tilt of a roof plane", "degrees", high=89)
     level: float = parameter(1.5, "Tilt below which a roof plane is made level", "degrees", high=45)
     least_roof: float = parameter(0.005, "Minimum area of a roof plane, as a share of the footprint", high=1)
     round_least: float = parameter(

@@ -88,6 +88,6 @@ def _pyramid(at: Array, height: Array, gradient: Array, turn: float, options: Ev
             continue
         terms = np.column_stack([at[own], np.ones(int(own.sum()))])
         plane = np.linalg.lstsq(terms, height[own], rcond=None)[0]
-        if np.hypot(*plane[:2]) < np.tan(np.radians(options.steepest)):
+        if np.hypot(*plane[:2]) < np.tan(np.radians(options.largest_tilt)):
             planes.append(plane)
     return np.array(planes) if planes else level
