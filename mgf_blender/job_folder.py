@@ -13,7 +13,7 @@ import bpy
 
 from .common import options
 from .common.errors import UserError
-from .properties import scene_key
+from .scene_keys import scene_key
 
 _UNNAMED = re.compile(r"mgf_job(_\d+)?")  # default folders, which lie in one that people gave a name
 #: Scene key -> source and the folder chosen for it: an undo takes the property away, the job goes on.

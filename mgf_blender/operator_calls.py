@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from .common import runner
-from .properties import key_of
+from .scene_keys import key_of
 
 
 def run_in(scene: bpy.types.Scene, name: str, **properties: object) -> str:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Properties of a Blender scene, saved in the file: photos and clicks, options, job folder."""
 
-import uuid
-
 import bpy
 
 from .common import options
@@ -12,6 +10,7 @@ from .drawings.properties import MGF_PG_drawings
 from .georef.properties import MGF_PG_control_point, MGF_PG_georef, MGF_PG_mark
 from .models.properties import MGF_PG_models
 from .prompts.properties import BUILDING, MGF_PG_click, MGF_PG_photo, show_photo
+from .scene_keys import scene_key
 
 PARTS = [BUILDING, "window", "door", "roof", "wall", "balcony"]
 OptionsGroup = options.make_group()
@@ -97,34 +96,6 @@ class MGF_PG_scene(bpy.types.PropertyGroup):
         name="Import When Done", description="Import the results when the job ends", default=True
     )
     figures: bpy.props.StringProperty(options={"HIDDEN"}, description="Figures of the imported job, as JSON")
-
-
-#: Key -> ``session_uid`` of the scene that took it. An undo takes the property away, and a copied scene has it, too.
-_owners: dict[str, int] = {}
-
-
-def scene_key(scene: bpy.types.Scene) -> str:
-    """Return the scene's key, made on first use; a copied scene gets one of its own."""
-    key = key_of(scene) or uuid.uuid4().hex
-    if scene.mgf.key != key:
-        scene.mgf.key = key
-    _owners[key] = scene.session_uid
-    return key
-
-
-def key_of(scene: bpy.types.Scene) -> str:
-    """Return the scene's key, or an empty text when it has none yet; changes nothing, so that drawing may ask."""
-    key = scene.mgf.key
-    if not key:
-        return next((k for k, uid in _owners.items() if uid == scene.session_uid), "")
-    owner = _owners.get(key, scene.session_uid)
-    copied = owner != scene.session_uid and any(s.session_uid == owner for s in bpy.data.scenes)
-    return "" if copied else key
-
-
-def scene_of(key: str) -> bpy.types.Scene | None:
-    """Return the scene with a key, if the open file has it."""
-    return next((s for s in bpy.data.scenes if key and key_of(s) == key), None)
 
 
 CLASSES = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Imports of the engine go one way: down a declared order of packages, and never in a circle.
+"""Imports of the engine and of the add-on go one way: down a declared order of packages, and never in a circle.
 
 Read from the source, so that imports inside functions count like all others: they would only hide a circle.
 """
@@ -24,6 +24,16 @@ ORDER = (
     "jobs",  # the job folder, time and memory
     *("georef", "export", "drawings", "models", "runners", "pipeline", "town", "api"),  # whole jobs
     *("cli", "__main__"),
+)
+
+
+#: The same of ``mgf_blender``.
+ADD_ON_ORDER = (
+    *("common", "compat", "engine"),  # what knows no scene: processes, texts, the engine's environment
+    *("scene_keys", "operator_calls", "job_folder", "jobs"),  # a scene's jobs
+    *("scene_import", "prompts", "results", "reconstruct"),  # the work
+    *("georef", "drawings", "models", "town"),  # tools of finished jobs
+    *("properties", "translations", "preferences", "headless", "cli", "batch"),
 )
 
 
@@ -71,6 +81,17 @@ def part_of(name: str) -> str:
     return [*name.split("."), ""][1]
 
 
+def upwards(graph: dict[str, set[str]], order: tuple[str, ...]) -> list[str]:
+    """The imports of packages that come later in the order."""
+    place = {part: k for k, part in enumerate(("", *order))}
+    return [
+        f"{name} imports {target}"
+        for name, targets in graph.items()
+        for target in targets
+        if place.get(part_of(target), 0) > place.get(part_of(name), len(place))
+    ]
+
+
 @pytest.fixture(scope="module")
 def graph() -> dict[str, set[str]]:
     known = modules(ROOT / "mgf_engine")
@@ -84,14 +105,7 @@ def test_every_package_has_its_place(graph: dict[str, set[str]]) -> None:
 
 
 def test_no_module_imports_upwards(graph: dict[str, set[str]]) -> None:
-    place = {part: k for k, part in enumerate(("", *ORDER))}
-    upwards = [
-        f"{name} imports {target}"
-        for name, targets in graph.items()
-        for target in targets
-        if place.get(part_of(target), 0) > place.get(part_of(name), len(place))
-    ]
-    assert not upwards
+    assert upwards(graph, ORDER) == []
 
 
 def test_no_circle_of_modules(graph: dict[str, set[str]]) -> None:
@@ -119,11 +133,12 @@ def test_the_add_on_imports_no_engine_and_the_engine_no_blender() -> None:
                 assert not {n.split(".")[0] for n in names} & forbidden, path
 
 
-def test_the_add_on_has_no_circle_and_no_hidden_import() -> None:
-    """A relative import inside a function hides a circle; which way one would run is then seen by nobody."""
+@pytest.fixture(scope="module")
+def add_on_graph() -> dict[str, set[str]]:
+    """Module -> those it imports; a relative import inside a function would hide a circle and is refused."""
     paths = {path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): path
              for path in (ROOT / "mgf_blender").rglob("*.py") if path.name != "__init__.py"}  # fmt: skip
-    graph: dict[str, set[str]] = {}
+    found: dict[str, set[str]] = {}
     for name, path in paths.items():
         tree, targets = ast.parse(path.read_text(encoding="utf-8")), set()
         for node in ast.walk(tree):
@@ -131,10 +146,22 @@ def test_the_add_on_has_no_circle_and_no_hidden_import() -> None:
                 continue
             assert node in tree.body, f"{name}:{node.lineno}"
             base = ".".join([*name.split(".")[: -node.level], *([node.module] if node.module else [])])
-            targets |= {found for alias in node.names for found in (f"{base}.{alias.name}", base) if found in paths}
-        graph[name] = targets
-    assert len(graph) > 100 and any(graph.values())
-    assert not [" -> ".join(circle) for circle in circles(graph)]
+            targets |= {t for alias in node.names for t in (f"{base}.{alias.name}", base) if t in paths}
+        found[name] = targets
+    assert len(found) > 100 and any(found.values())
+    return found
+
+
+def test_the_add_on_has_no_circle(add_on_graph: dict[str, set[str]]) -> None:
+    assert not [" -> ".join(circle) for circle in circles(add_on_graph)]
+
+
+def test_every_package_of_the_add_on_has_its_place(add_on_graph: dict[str, set[str]]) -> None:
+    assert {part_of(name) for name in add_on_graph} == set(ADD_ON_ORDER), "give a new package its place in ADD_ON_ORDER"
+
+
+def test_no_module_of_the_add_on_imports_upwards(add_on_graph: dict[str, set[str]]) -> None:
+    assert upwards(add_on_graph, ADD_ON_ORDER) == []
 
 
 #: Modules that import a package of an extra without a check of their own -> what refuses before they run.

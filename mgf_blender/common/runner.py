@@ -13,7 +13,7 @@ import time
 import bpy
 
 from .errors import UserError
-from .job import DONE, QUEUED, Job
+from .job import DONE, QUEUED, RESUMABLE, Job
 
 TICK = 0.2  # seconds between two looks at the running job
 _KEPT = 20  # finished jobs that stay listed
@@ -30,6 +30,12 @@ def jobs(scene_key: str | None = None) -> list[Job]:
 def live_job(scene_key: str, kinds: tuple[str, ...] | None = None) -> Job | None:
     """Return the scene's job that waits or runs."""
     return next((j for j in _jobs if j.live and j.scene_key == scene_key and (kinds is None or j.kind in kinds)), None)
+
+
+def last_job(scene_key: str, kinds: tuple[str, ...] = RESUMABLE) -> Job | None:
+    """Return the job of these kinds that a panel talks about: the one that waits or runs, else the newest."""
+    found = [job for job in jobs(scene_key) if job.kind in kinds] if scene_key else []
+    return next((job for job in found if job.live), found[-1] if found else None)
 
 
 def submit(job: Job) -> None:

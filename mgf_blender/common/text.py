@@ -43,6 +43,16 @@ def N_(text: str) -> str:
     return text
 
 
+def format_duration(seconds: float | None) -> str:
+    """Return seconds as people say them: ``40 s``, ``12 min``, ``2 h 5 min``; empty for None."""
+    if seconds is None:
+        return ""
+    if seconds < 90:
+        return f"{max(0, round(seconds))} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
+
+
 def wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
     """Return the lines of a sentence, each as long as ``fits`` allows; words too long for one, such as paths, are
     broken."""

@@ -11,8 +11,8 @@ from ..common.job import Job
 from ..common.operators import Operator
 from ..common.selection import select_only, selected_objects
 from ..job_folder import has_job_file, job_folder
-from ..reconstruct.operators import FinishedJobOperator, submit
-from ..reconstruct.start import tool_job
+from ..jobs.operators import FinishedJobOperator, submit
+from ..jobs.start import tool_job
 from ..scene_import.cameras import IMAGE_KEY
 from ..scene_import.operators import SceneOperator
 from ..scene_import.tree import Tree

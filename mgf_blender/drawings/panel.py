@@ -6,7 +6,7 @@ import bpy
 from ..common.text import draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
 from ..job_folder import job_folder
-from ..reconstruct.finished_job import FinishedJobPanel, draw_run
+from ..jobs.finished_job import FinishedJobPanel, draw_run
 from .index import FOLDER, PAGE, read_index
 from .sections import find_sections
 

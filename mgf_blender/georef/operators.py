@@ -9,9 +9,9 @@ from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..job_folder import has_job_file, job_folder
+from ..jobs.operators import FinishedJobOperator, submit
 from ..prompts.operators import choose_photo, open_photo
 from ..prompts.properties import active_photo
-from ..reconstruct.operators import FinishedJobOperator, submit
 from ..scene_import.cameras import PHOTO_KEY
 from ..scene_import.framing import frame_tree
 from ..scene_import.operators import SceneOperator

@@ -11,7 +11,7 @@ from ..common.panels import PhotoPanel
 from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
 from ..job_folder import has_job_file, job_folder
-from ..reconstruct.finished_job import FinishedJobPanel, draw_run
+from ..jobs.finished_job import FinishedJobPanel, draw_run
 from ..scene_import.tree import Tree
 from . import files, place
 from .properties import active_point

@@ -9,9 +9,9 @@ from ..common import runner
 from ..common.errors import UserError
 from ..common.job import DONE, Job
 from ..job_folder import has_job_file, job_folder
+from ..jobs.start import tool_job
 from ..operator_calls import run_in
-from ..properties import scene_key, scene_of
-from ..reconstruct.start import tool_job
+from ..scene_keys import scene_key, scene_of
 from .files import marks_path, marks_text, places_path, read_placement, read_places, write_marks
 
 

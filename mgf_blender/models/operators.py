@@ -10,8 +10,8 @@ from ..common.selection import select_only
 from ..common.text import tr
 from ..common.views import draw_texture
 from ..job_folder import has_job_file, job_folder, job_name
-from ..reconstruct.operators import FinishedJobOperator, submit
-from ..reconstruct.start import tool_job
+from ..jobs.operators import FinishedJobOperator, submit
+from ..jobs.start import tool_job
 from ..scene_import.tree import Tree
 from .index import FILE, FOLDER, read_levels
 from .lods import import_levels, levels_of, show_level

@@ -6,7 +6,7 @@ import bpy
 from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
 from ..job_folder import has_job_file
-from ..reconstruct.finished_job import FinishedJobPanel, draw_run
+from ..jobs.finished_job import FinishedJobPanel, draw_run
 from ..scene_import.tree import Tree
 from .index import FILE, FOLDER
 from .lods import LEVEL_KEY, levels_of, shown_level

@@ -9,8 +9,6 @@ from ..common.editors import image_editor, show_image, viewport
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
-from ..reconstruct.operators import JobOperator, submit
-from ..reconstruct.start import make_job
 from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY, find_source
 from . import files, preview
 from .properties import active_photo, photo_image
@@ -197,22 +195,6 @@ class MGF_OT_cancel_preview(Operator):
         preview.stop()
 
 
-class MGF_OT_find_masks(JobOperator):
-    """Make the masks of all photos from the points so far; the reconstruction reuses them"""
-
-    bl_idname = "mgf.find_masks"
-    bl_label = "Find Masks in All Photos"
-    bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        marked = any(p.done() for p in context.scene.mgf.photos)
-        return cls.needs(marked, "Click at least one point on the building first") and super().poll(context)
-
-    def run(self, context: bpy.types.Context) -> set[str]:
-        return submit(self, make_job(context.scene, "masks"))
-
-
 class MGF_FH_prompts(bpy.types.FileHandler):
     """Dropping a prompts file on a photo reads its points."""
 
@@ -280,7 +262,7 @@ def _photo_file(camera: bpy.types.Object) -> str:
 CLASSES = (
     MGF_OT_mark_building, MGF_OT_show_viewport, MGF_OT_next_photo, MGF_OT_add_photo, MGF_OT_remove_photo,
     MGF_OT_clear_clicks, MGF_OT_import_prompts,
-    MGF_OT_export_prompts, MGF_OT_preview_mask, MGF_OT_cancel_preview, MGF_OT_find_masks,
+    MGF_OT_export_prompts, MGF_OT_preview_mask, MGF_OT_cancel_preview,
     MGF_FH_prompts,
 )  # fmt: skip
 

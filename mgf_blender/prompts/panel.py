@@ -7,9 +7,9 @@ from ..common import runner
 from ..common.job import DONE, RESUMABLE
 from ..common.panels import PhotoPanel
 from ..common.text import draw_sentence, tr
-from ..properties import key_of
-from ..reconstruct.engine_messages import in_panel_terms, translate_message
-from ..reconstruct.panel import draw_job
+from ..jobs.engine_messages import in_panel_terms, translate_message
+from ..jobs.status_label import draw_job
+from ..scene_keys import key_of
 from . import overlay, preview, suggest
 from .properties import BUILDING, active_photo, marks_control_points
 
@@ -119,10 +119,9 @@ class MGF_PT_masks(PhotoPanel, bpy.types.Panel):
         layout = self.layout
         layout.operator("mgf.find_masks", icon="RENDERLAYERS")
         key = key_of(context.scene)
-        job = runner.live_job(key, RESUMABLE) if key else None
-        found = [j for j in runner.jobs(key) if j.kind == "masks"] if key else []
-        if job is not None or found:
-            draw_job(layout, job or found[-1])
+        job = runner.live_job(key, RESUMABLE) or runner.last_job(key, ("masks",))
+        if job is not None:
+            draw_job(layout, job)
         photo = active_photo(context.scene)
         entry = overlay.mask_entry(context.scene, photo.name) if photo is not None else None
         if entry is not None:
@@ -134,14 +133,14 @@ class MGF_PT_masks(PhotoPanel, bpy.types.Panel):
 
 def _draw_proposed(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw the button that has points proposed, how far that is, and what may be done with them."""
-    scene, key = context.scene, key_of(context.scene)
+    scene = context.scene
     row = layout.row(align=True)
     row.operator("mgf.suggest_clicks", icon="LIGHT")
     row.prop(scene.mgf, "suggest_at", text="")
     photos = suggest.proposed(scene)
-    latest = [job for job in runner.jobs(key) if job.kind == suggest.KIND][-1:] if key else []
-    if latest and latest[0].status != DONE:
-        draw_job(layout, latest[0])
+    latest = runner.last_job(key_of(scene), (suggest.KIND,))
+    if latest is not None and latest.status != DONE:
+        draw_job(layout, latest)
     if not photos:
         return
     count = sum(click.proposed for photo in photos for click in photo.clicks)

@@ -22,7 +22,7 @@ from ..common.process import Process
 from ..common.runner import redraw
 from ..common.text import N_, tr
 from ..engine.environment import engine_command
-from ..properties import key_of, scene_key, scene_of
+from ..scene_keys import key_of, scene_key, scene_of
 from . import files
 
 _TICK = 0.1  # seconds between two looks at the process

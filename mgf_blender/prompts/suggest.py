@@ -14,13 +14,13 @@ from ..common.job import DONE, Job
 from ..common.operators import Operator
 from ..common.text import tr
 from ..job_folder import job_folder
+from ..jobs.operators import JobOperator, submit
+from ..jobs.start import job_options, tool_job
 from ..operator_calls import run_in
-from ..properties import scene_of
-from ..reconstruct.operators import JobOperator, submit
-from ..reconstruct.start import job_options, tool_job
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
 from ..scene_import.tree import Tree
+from ..scene_keys import scene_of
 from . import files
 from .operators import add_missing
 from .properties import active_photo, photo_of_image

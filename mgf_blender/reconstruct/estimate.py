@@ -118,15 +118,5 @@ def remember(factor: float) -> None:
     _learned.clear()  # the file's time need not have changed
 
 
-def format_duration(seconds: float | None) -> str:
-    """Return seconds as people say them: ``40 s``, ``12 min``, ``2 h 5 min``; empty for None."""
-    if seconds is None:
-        return ""
-    if seconds < 90:
-        return f"{max(0, round(seconds))} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
-
-
 def _path() -> Path:
     return user_folder() / _FILE

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators of the Reconstruct panel."""
 
-import time
 from pathlib import Path
 
 import bpy
@@ -10,59 +9,19 @@ from ..common import options, runner
 from ..common.editors import show_image
 from ..common.errors import UserError
 from ..common.files import open_file
-from ..common.job import DONE, RESUMABLE, Job
+from ..common.job import DONE
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..job_folder import broke_off, given_options, has_job_file, job_folder
-from ..properties import key_of
+from ..jobs.operators import JobOperator, submit
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
 from ..scene_import.framing import frame_tree
 from ..scene_import.locate import holds_model, holds_photos
 from ..scene_import.operators import bring_in
-from ..scene_import.tree import Tree
+from ..scene_keys import key_of
 from . import preview_image
-from .engine_messages import in_panel_terms, translate_message
 from .start import make_job
-
-
-def submit(operator: bpy.types.Operator, job: Job) -> set[str]:
-    """Queue a job; without a window there is no timer, so wait for its end and pass its error on."""
-    runner.submit(job)
-    if not bpy.app.background:
-        return {"FINISHED"}
-    while runner.pump():
-        time.sleep(0.05)
-    if job.status != DONE:
-        operator.report({"ERROR"}, translate_message(in_panel_terms(job.text)))
-        return {"CANCELLED"}
-    return {"FINISHED"}
-
-
-class _StartsEngine(Operator):
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(
-            not runner.live_job(key_of(context.scene)), "A job of this scene is running; wait for it or cancel it"
-        )
-
-
-class JobOperator(_StartsEngine):
-    """Base of operators that start a job of the scene."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        source = context.scene.mgf.source
-        return cls.needs(source, "Import photos or a COLMAP scene first") and super().poll(context)
-
-
-class FinishedJobOperator(_StartsEngine):
-    """Base of operators that start the engine on the scene's finished job."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        finished = has_job_file(context.scene, "deliver.json")
-        return cls.needs(finished, "The job folder holds no finished job") and super().poll(context)
 
 
 class MGF_OT_reconstruct(JobOperator):
@@ -88,6 +47,22 @@ class MGF_OT_reconstruct(JobOperator):
         return submit(self, make_job(context.scene))
 
 
+class MGF_OT_find_masks(JobOperator):
+    """Make the masks of all photos from the points so far; the reconstruction reuses them"""
+
+    bl_idname = "mgf.find_masks"
+    bl_label = "Find Masks in All Photos"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        marked = any(p.done() for p in context.scene.mgf.photos)
+        return cls.needs(marked, "Click at least one point on the building first") and super().poll(context)
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        return submit(self, make_job(context.scene, "masks"))
+
+
 class MGF_OT_resume(JobOperator):
     """Continue the job in the job folder from its last checkpoint, with the options it was given"""
 
@@ -101,7 +76,7 @@ class MGF_OT_resume(JobOperator):
 
     def run(self, context: bpy.types.Context) -> set[str]:
         given, values = given_options(job_folder(context.scene)), context.scene.mgf.options
-        before, last = {"preset": values.preset, **options.changed(values)}, last_job(context.scene)
+        before, last = {"preset": values.preset, **options.changed(values)}, runner.last_job(key_of(context.scene))
         kind = last.kind if last is not None and last.status != DONE else "reconstruct"
         if given:
             options.replace(values, given)
@@ -208,7 +183,7 @@ class MGF_OT_open_job_file(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        there = has_job_file(context.scene) or last_job(context.scene) is not None
+        there = has_job_file(context.scene) or runner.last_job(key_of(context.scene)) is not None
         return cls.needs(there, "No job has run yet")
 
     def run(self, context: bpy.types.Context) -> None:
@@ -229,21 +204,6 @@ class MGF_OT_reset_options(Operator):
         options.reset(context.scene.mgf.options)
 
 
-def last_job(scene: bpy.types.Scene, kinds: tuple[str, ...] = RESUMABLE) -> Job | None:
-    """Return the job that a panel talks about: the running one of these kinds, else the newest."""
-    key = key_of(scene)
-    if not key:
-        return None
-    found = [job for job in runner.jobs(key) if job.kind in kinds]
-    return runner.live_job(key, kinds) or (found[-1] if found else None)
-
-
-def finding_cameras(scene: bpy.types.Scene) -> Job | None:
-    """Return the job that finds the cameras of imported photos, while it runs and there are none yet."""
-    key = key_of(scene)
-    return runner.live_job(key, ("scene",)) if key and Tree.find(scene) is None else None
-
-
 def interrupted(scene: bpy.types.Scene) -> bool:
     """Tell whether the job folder holds a job that did not end and that nobody runs, for example after a crash."""
     if runner.live_job(key_of(scene)):
@@ -252,8 +212,8 @@ def interrupted(scene: bpy.types.Scene) -> bool:
 
 
 CLASSES = (
-    MGF_OT_reconstruct, MGF_OT_resume, MGF_OT_cancel_job, MGF_OT_import_photos, MGF_OT_import_sfm, MGF_OT_show_preview,
-    MGF_OT_open_job_file, MGF_OT_reset_options,
+    MGF_OT_reconstruct, MGF_OT_find_masks, MGF_OT_resume, MGF_OT_cancel_job, MGF_OT_import_photos, MGF_OT_import_sfm,
+    MGF_OT_show_preview, MGF_OT_open_job_file, MGF_OT_reset_options,
 )  # fmt: skip
 
 

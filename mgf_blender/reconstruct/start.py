@@ -3,24 +3,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 
-from ..common import options
-from ..common.addon import preferences
 from ..common.errors import UserError
 from ..common.job import DONE, Job
 from ..engine.environment import engine_command
-from ..job_folder import given_options, job_folder, job_name, prompts_path
+from ..job_folder import job_folder, job_name, prompts_path
+from ..jobs.start import MESSAGES, job_options
 from ..operator_calls import run_in
 from ..prompts import files
-from ..properties import scene_key, scene_of
 from ..results import async_import
+from ..scene_keys import scene_key, scene_of
 from . import estimate, preview_image
-
-_MESSAGES = ("--progress", "json", "--cancel-on-eof")
 
 
 def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
@@ -36,7 +32,7 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
     folder = job_folder(scene)
     if not state.source:
         raise UserError("There is nothing to reconstruct; import photos or a COLMAP scene first.")
-    command = [kind, bpy.path.abspath(state.source), "--out", str(folder), *_MESSAGES]
+    command = [kind, bpy.path.abspath(state.source), "--out", str(folder), *MESSAGES]
     if kind != "scene":
         command += _guidance(scene, folder)
     command += job_options(scene, folder)
@@ -51,32 +47,6 @@ def make_job(scene: bpy.types.Scene, kind: str = "reconstruct") -> Job:
         on_message=preview_image.on_message,
         on_end=ended,
     )
-
-
-def tool_job(scene: bpy.types.Scene, kind: str, command: list[str], on_end: Callable[[Job], None] | None = None) -> Job:
-    """Make the job of a command that is no reconstruction, such as ``drawings``; starts nothing.
-
-    Args:
-        scene: that asks for it.
-        kind: of the job.
-        command: of the engine, with its arguments.
-        on_end: called when the job ends, in place of :func:`ended`.
-
-    Raises:
-        UserError: there is no engine.
-    """
-    folder = job_folder(scene)
-    line = engine_command(*command, *_MESSAGES)
-    return Job(line, folder, job_name(folder), kind, scene_key(scene), on_end=on_end or ended)
-
-
-def job_options(scene: bpy.types.Scene, folder: Path) -> list[str]:
-    """Return arguments for the options of a job in this folder, as the panel has them."""
-    given = options.arguments(scene.mgf.options, given_options(folder))
-    prefs = preferences()
-    if prefs is not None and prefs.weights_folder and not scene.mgf.options.weights:
-        given += ["--set", f"weights={bpy.path.abspath(prefs.weights_folder)}"]
-    return given
 
 
 def _guidance(scene: bpy.types.Scene, folder: Path) -> list[str]:

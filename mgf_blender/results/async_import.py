@@ -20,8 +20,9 @@ import numpy as np
 from ..common.errors import UserError, sentence
 from ..common.meshes import mesh_steps
 from ..common.runner import redraw
+from ..jobs import import_status
 from ..operator_calls import run_in
-from ..properties import key_of, scene_key, scene_of
+from ..scene_keys import key_of, scene_key, scene_of
 from .load import SHARP_ANGLE, Content, fitting_tree, reading_steps
 
 _TICK = 0.02  # seconds between two steps
@@ -29,7 +30,6 @@ _KEY = "mgf_importing"  # on the mesh while it is built
 _RETRIES = 3  # times that a mesh is begun anew because it was not there any more
 
 _imports: dict[str, AsyncImport] = {}  # scene key -> the import under way
-_problems: dict[str, str] = {}  # scene key -> why the last one failed
 _longest = 0.0
 
 
@@ -125,23 +125,13 @@ def begin(scene: bpy.types.Scene, folder: Path) -> None:
     if key in _imports and _imports[key].folder == folder:
         return
     forget(scene)
-    _problems.pop(key, None)
+    import_status.begin(key)
     tree = None
     with contextlib.suppress(UserError):  # the first step says it again, where it is shown
         tree = fitting_tree(scene, folder)
     _imports[key] = AsyncImport(key, folder, tree.offset if tree is not None else None)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)
-
-
-def under_way(scene: bpy.types.Scene) -> bool:
-    """Tell whether results are being imported into a scene."""
-    return key_of(scene) in _imports
-
-
-def problem(scene: bpy.types.Scene) -> str:
-    """Return why the last import into a scene failed, or an empty text."""
-    return _problems.get(key_of(scene), "")
 
 
 def ready(scene: bpy.types.Scene, folder: Path) -> AsyncImport | None:
@@ -152,7 +142,9 @@ def ready(scene: bpy.types.Scene, folder: Path) -> AsyncImport | None:
 
 def forget(scene: bpy.types.Scene) -> None:
     """Drop the import into a scene that is under way, because it was imported by other means."""
-    found = _imports.pop(key_of(scene), None)
+    key = key_of(scene)
+    found = _imports.pop(key, None)
+    import_status.end(key)
     if found is not None:
         found.drop()
 
@@ -166,10 +158,11 @@ def pump() -> bool:
             pending.ready = not pending.drain()
             if not pending.ready:
                 continue
-            _import(key, pending)
+            problem = _import(key, pending)
         except Exception as error:  # Blender drops a timer whose function raises
-            _problems[key] = sentence(error)
+            problem = sentence(error)
         _imports.pop(key, None)
+        import_status.end(key, problem)
         pending.drop()
     _longest = max(_longest, time.perf_counter() - begun)
     return bool(_imports)
@@ -180,12 +173,10 @@ def longest_step() -> float:
     return _longest
 
 
-def _import(key: str, pending: AsyncImport) -> None:
+def _import(key: str, pending: AsyncImport) -> str:
+    """Link what is ready into its scene, if that is still there; return why it failed, empty when it did not."""
     scene = scene_of(key)
-    if scene is not None:
-        text = run_in(scene, "import_result", directory=str(pending.folder))
-        if text:
-            _problems[key] = text
+    return "" if scene is None else run_in(scene, "import_result", directory=str(pending.folder))
 
 
 @bpy.app.handlers.persistent
@@ -222,4 +213,4 @@ def unregister() -> None:
         with contextlib.suppress(ReferenceError, AttributeError):
             pending.drop()
     _imports.clear()
-    _problems.clear()
+    import_status.clear()

@@ -9,11 +9,11 @@ from ..common.panels import SidebarPanel
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, tr
 from ..job_folder import has_job_file, job_folder
+from ..jobs.import_status import draw_waiting
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
 from ..scene_import.tree import Tree
 from . import surface, view_mode
 from .runs import old_runs
-from .status_label import draw_waiting
 
 _PAINTS = {"TEXTURE": N_("Texture"), "COLOR": N_("Colors"), "CONFIDENCE": N_("Confidence"), "VIEWS": N_("Views")}
 _SHOWS = {"PHOTO": N_("Photo"), "RENDER": N_("Render"), "ERROR": N_("Error"), "MESH": N_("Mesh")}

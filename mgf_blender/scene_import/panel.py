@@ -3,12 +3,14 @@
 
 import bpy
 
+from ..common import runner
+from ..common.job import Job
 from ..common.panels import SidebarPanel
 from ..common.text import tr
 from ..engine.status_label import draw_engine_missing
-from ..reconstruct.operators import finding_cameras
-from ..reconstruct.panel import draw_job
-from ..results.status_label import draw_waiting
+from ..jobs.import_status import draw_waiting
+from ..jobs.status_label import draw_job
+from ..scene_keys import key_of
 from .crop import find_crop_box
 from .tree import Tree
 
@@ -38,6 +40,11 @@ class MGF_PT_scene(SidebarPanel, bpy.types.Panel):
         row.operator("mgf.select_crop_box", text="Crop Box", icon="MESH_CUBE")
         row.operator("mgf.add_crop_box", text="", icon="FULLSCREEN_EXIT")
         row.operator("mgf.remove_crop_box", text="", icon="X")
+
+
+def finding_cameras(scene: bpy.types.Scene) -> Job | None:
+    """Return the job that finds the cameras of imported photos, while it runs and there are none yet."""
+    return runner.live_job(key_of(scene), ("scene",)) if Tree.find(scene) is None else None
 
 
 def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:

@@ -36,7 +36,7 @@ from odd.stage import BASES, Stage
 
 from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
-from mgf_blender.results import async_import
+from mgf_blender.jobs import import_status
 from mgf_blender.scene_import.crop import find_crop_box
 from mgf_blender.scene_import.tree import Tree
 
@@ -187,7 +187,7 @@ class Call:
         for job in runner.jobs():
             for text_ in (job.text, *job.warnings):
                 check_sentence(text_)
-        for problem in async_import._problems.values():
+        for problem in import_status.problems():
             check_sentence(problem)
         look()
         return text or "".join(outcome)

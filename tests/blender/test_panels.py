@@ -19,13 +19,14 @@ from mgf_blender.common import runner
 from mgf_blender.common import text as panel_text
 from mgf_blender.engine import current_task
 from mgf_blender.engine.task import Step, Task
+from mgf_blender.jobs import status_label
+from mgf_blender.jobs.engine_messages import in_panel_terms
+from mgf_blender.jobs.start import job_options
 from mgf_blender.preferences import MGF_Preferences
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
-from mgf_blender.reconstruct import panel
-from mgf_blender.reconstruct.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct
-from mgf_blender.reconstruct.start import job_options, make_job
+from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_PT_source
@@ -166,14 +167,14 @@ def test_sentences_of_the_engine_speak_of_the_panel(engine_says, panel_says):
 def test_how_a_job_ended_is_said_in_the_users_language(engine_says, panel_says, monkeypatch):
     german = json.loads((Path(preferences.__file__).parent / "languages" / "de_DE.json").read_text(encoding="utf-8"))
     monkeypatch.setattr(panel_text, "look_up", lambda text: german.get(text, text))
-    assert panel._outcome(SimpleNamespace(text=engine_says, status="FAILED")) == german[panel_says] != panel_says
+    assert status_label._outcome(SimpleNamespace(text=engine_says, status="FAILED")) == german[panel_says] != panel_says
 
 
 def test_a_full_disk_is_named_in_the_users_language(monkeypatch):
     german = json.loads((Path(preferences.__file__).parent / "languages" / "de_DE.json").read_text(encoding="utf-8"))
     monkeypatch.setattr(panel_text, "look_up", lambda text: german.get(text, text))
     said = "The disk of '/jobs/a' is full; free some space and run again with --resume."
-    shown = panel._outcome(SimpleNamespace(text=said, status="FAILED"))
+    shown = status_label._outcome(SimpleNamespace(text=said, status="FAILED"))
     assert "„/jobs/a“" in shown and "Fortsetzen" in shown
 
 

@@ -22,11 +22,12 @@ from mgf_blender.common import options
 from mgf_blender.common import text as text_module
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.text import tr
+from mgf_blender.jobs import engine_sentences
+from mgf_blender.jobs.engine_messages import in_panel_terms, translate_message
+from mgf_blender.jobs.status_label import _START, _TOOLS
 from mgf_blender.prompts import files, operators, overlay, preview
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
-from mgf_blender.reconstruct import engine_sentences
-from mgf_blender.reconstruct.engine_messages import in_panel_terms, translate_message
-from mgf_blender.reconstruct.panel import _NAME_LETTERS, _START, _TOOLS, MGF_PT_mark
+from mgf_blender.reconstruct.panel import _NAME_LETTERS, MGF_PT_mark
 from mgf_blender.scene_import.panel import MGF_PT_scene
 
 
@@ -189,9 +190,16 @@ def test_damaged_or_empty_dictionaries_are_left_out(tmp_path):
 
 def labels() -> list[tuple[str, int]]:
     """Texts that panels of the sidebar show on one line, beside an icon or a button: text and where it stands."""
-    rooms = ("prompts/panel", "reconstruct/panel", "results/panel", "results/status_label", "scene_import/panel")
+    modules = (
+        "jobs/import_status",
+        "jobs/status_label",
+        "prompts/panel",
+        "reconstruct/panel",
+        "results/panel",
+        "scene_import/panel",
+    )
     found = []
-    for name in rooms:
+    for name in modules:
         tree = ast.parse((REPO / "mgf_blender" / f"{name}.py").read_text(encoding="utf-8"))
         calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and getattr(n.func, "attr", "") == "label"]
         texts = [k.value for n in calls for k in n.keywords if k.arg == "text"]

@@ -17,6 +17,7 @@ from pathlib import Path
 sys.path[:0] = sys.argv[1:3]
 import bpy, synthetic
 import mgf_blender
+from mgf_blender.jobs import import_status
 from mgf_blender.results import async_import
 from mgf_blender.scene_import.crop import find_crop_box
 from mgf_blender.scene_import.tree import KINDS, Tree
@@ -95,7 +96,7 @@ before = drawn(bpy.data.scenes[first])
 async_import.begin(bpy.data.scenes[first], house.job)
 while async_import.pump():
     time.sleep(0.002)
-assert drawn(bpy.data.scenes[first]) == [12, 1, 1, 4] and not async_import.problem(bpy.data.scenes[first])
+assert drawn(bpy.data.scenes[first]) == [12, 1, 1, 4] and not import_status.problem(bpy.data.scenes[first])
 for _ in range(2):
     bpy.ops.ed.undo()
     assert drawn(bpy.data.scenes[first]) == before, (drawn(bpy.data.scenes[first]), before)

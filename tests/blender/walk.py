@@ -30,9 +30,9 @@ from mgf_blender.drawings.panel import MGF_PT_drawings
 from mgf_blender.drawings.sections import find_sections
 from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
 from mgf_blender.georef.properties import set_mark
+from mgf_blender.jobs import import_status
 from mgf_blender.prompts import files
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
-from mgf_blender.properties import scene_of
 from mgf_blender.reconstruct import preview_image, start
 from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_reconstruct
 from mgf_blender.results import async_import, surface, view_mode
@@ -40,6 +40,7 @@ from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.crop import crop_text
 from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_PT_source
 from mgf_blender.scene_import.tree import KINDS, Tree
+from mgf_blender.scene_keys import scene_of
 
 PANELS = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options,
           MGF_PT_results, MGF_PT_prompts, MGF_PT_masks, MGF_PT_drawings, MGF_PT_georef,
@@ -251,7 +252,7 @@ def check() -> None:
         assert not any("mistake" in text for text in (job.text, *job.warnings)), (job.text, job.warnings)
         assert job.live or job.status == DONE, (job.status, job.text)
         assert scene is None or runner.jobs(scene.mgf.key or job.scene_key)
-    assert not any("mistake" in text for text in async_import._problems.values()), async_import._problems
+    assert not any("mistake" in text for text in import_status.problems()), import_status.problems()
 
 
 def check_viewports(scene: bpy.types.Scene, tree: Tree) -> None:

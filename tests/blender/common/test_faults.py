@@ -11,6 +11,7 @@ import pytest
 
 from mgf_blender.common import runner
 from mgf_blender.common.job import CANCELLED, DONE, FAILED, Job
+from mgf_blender.jobs import import_status
 from mgf_blender.prompts import files, preview
 from mgf_blender.reconstruct import preview_image
 from mgf_blender.reconstruct.start import make_job
@@ -115,12 +116,12 @@ def test_an_arrival_that_raises_is_dropped_and_said(ready, house, monkeypatch, p
         end = time.monotonic() + 20
         while async_import._tick() is not None and time.monotonic() < end:
             time.sleep(0.002)
-    assert not async_import.under_way(scene) and WORDS in async_import.problem(scene)
+    assert not import_status.under_way(scene) and WORDS in import_status.problem(scene)
     assert not [m for m in bpy.data.meshes if "mgf_importing" in m]
     async_import.begin(scene, house.job)  # and can be tried again
     while async_import.pump():
         time.sleep(0.002)
-    assert len(Tree.find(scene).objects("Mesh")) == 1 and not async_import.problem(scene)
+    assert len(Tree.find(scene).objects("Mesh")) == 1 and not import_status.problem(scene)
 
 
 def test_a_preview_that_raises_is_said(ready, monkeypatch, engine):

@@ -18,7 +18,7 @@ from mgf_blender.drawings.index import read_index
 from mgf_blender.drawings.operators import drawings_job, load_drawing
 from mgf_blender.drawings.panel import MGF_PT_drawings
 from mgf_blender.drawings.sections import find_sections
-from mgf_blender.reconstruct.engine_messages import in_panel_terms
+from mgf_blender.jobs.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.scene_import.tree import FIELD_KEY, Tree
 

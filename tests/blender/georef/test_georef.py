@@ -19,9 +19,9 @@ from mgf_blender.georef.operators import step_from
 from mgf_blender.georef.panel import MGF_PT_control_points, MGF_PT_georef
 from mgf_blender.georef.properties import mark_of, set_mark
 from mgf_blender.georef.tool import dragged
+from mgf_blender.jobs.engine_messages import in_panel_terms
 from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.prompts.tool import MGF_PointTool
-from mgf_blender.reconstruct.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.tree import Tree

@@ -80,7 +80,6 @@ class Stage:
         runner.stop_all()
         async_import.unregister()
         async_import.register()
-        async_import._problems.clear()
         preview.forget()
         current_task.forget()
         os.environ.clear()

@@ -13,8 +13,9 @@ import synthetic
 from conftest import REPO
 
 from mgf_blender.common import options
+from mgf_blender.common.text import format_duration
 from mgf_blender.reconstruct import estimate as module
-from mgf_blender.reconstruct.estimate import PhotoSizes, estimate, format_duration, photos_of, remember, speed
+from mgf_blender.reconstruct.estimate import PhotoSizes, estimate, photos_of, remember, speed
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ from jobs import pump_until
 
 from mgf_blender.common import runner
 from mgf_blender.common.job import DONE
-from mgf_blender.properties import scene_key, scene_of
+from mgf_blender.jobs import import_status
 from mgf_blender.reconstruct import start
-from mgf_blender.reconstruct.operators import last_job
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
 from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_keys import key_of, scene_key, scene_of
 
 
 def test_objects_deleted_while_the_job_runs(ready, engine, house):
@@ -55,7 +55,7 @@ def test_result_comes_from_the_job_s_folder(ready, engine, house, monkeypatch, w
     pump_until(lambda: not job.live)
     while async_import.pump():
         time.sleep(0.002)
-    assert job.status == DONE and not job.warnings[1:] and not async_import.problem(bpy.context.scene)
+    assert job.status == DONE and not job.warnings[1:] and not import_status.problem(bpy.context.scene)
     assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
     assert ready.job_folder == str(house.folder.parent / "next")
     with pytest.raises(RuntimeError, match=r"The job has no gone\.txt yet"):
@@ -99,7 +99,7 @@ def test_a_copied_scene_and_the_job_of_the_first(ready, engine, house):
     bpy.ops.scene.new(type="FULL_COPY")
     second = bpy.context.scene
     second.name = "A"
-    assert last_job(first) is job and last_job(second) is None
+    assert runner.last_job(key_of(first)) is job and runner.last_job(key_of(second)) is None
     assert scene_key(second) != job.scene_key and scene_key(first) == job.scene_key
     assert scene_of(job.scene_key) == first
     pump_until(lambda: not job.live)
@@ -117,6 +117,6 @@ def test_a_job_whose_start_was_undone_is_still_the_scene_s(ready, engine, house)
     bpy.ops.ed.undo_push(message="start")
     bpy.ops.ed.undo()
     scene = bpy.context.scene
-    assert not scene.mgf.key and last_job(scene) is job and scene_of(job.scene_key) == scene
+    assert not scene.mgf.key and runner.last_job(key_of(scene)) is job and scene_of(job.scene_key) == scene
     pump_until(lambda: not job.live)
     assert len(Tree.find(scene).objects("Mesh")) == 1 and scene_key(scene) == job.scene_key

@@ -14,6 +14,7 @@ import synthetic
 from jobs import pump_until
 
 from mgf_blender.common.meshes import make_mesh, prepare_mesh
+from mgf_blender.jobs import import_status
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
 from mgf_blender.scene_import.tree import Tree
@@ -40,12 +41,12 @@ def pending() -> list[str]:
 
 def test_arrives_like_an_import_in_one_go(ready, house):
     async_import.begin(bpy.context.scene, house.job)
-    assert async_import.under_way(bpy.context.scene) and not meshes()
+    assert import_status.under_way(bpy.context.scene) and not meshes()
     pump()
     (obj,) = meshes()
     truth, faces, _ = synthetic.house_mesh()
     assert (len(obj.data.vertices), len(obj.data.polygons)) == (len(truth), len(faces))
-    assert obj.name == obj.data.name == "job" and not pending() and not async_import.problem(bpy.context.scene)
+    assert obj.name == obj.data.name == "job" and not pending() and not import_status.problem(bpy.context.scene)
     assert len(Tree.find(bpy.context.scene).objects("Renders")) == 4
 
 
@@ -123,14 +124,14 @@ def test_a_mesh_that_is_removed_each_time_is_a_sentence(ready, house):
         async_import.pump()
         for name in pending():
             bpy.data.meshes.remove(bpy.data.meshes[name])
-    assert "made a mistake" in async_import.problem(bpy.context.scene) and not meshes()
+    assert "made a mistake" in import_status.problem(bpy.context.scene) and not meshes()
 
 
 def test_an_import_by_script_while_it_arrives_takes_no_half_made_mesh(ready, house):
     async_import.begin(bpy.context.scene, house.job)
     pump(lambda: pending())
     bpy.ops.mgf.import_result()
-    assert len(meshes()[0].data.polygons) == 16 and not pending() and not async_import.under_way(bpy.context.scene)
+    assert len(meshes()[0].data.polygons) == 16 and not pending() and not import_status.under_way(bpy.context.scene)
 
 
 def test_another_file_while_it_arrives(ready, house):
@@ -145,7 +146,7 @@ def test_a_damaged_mesh_is_a_sentence_in_the_panel(ready, house):
     (house.job / "mesh.ply").write_bytes(b"ply\nend_header\n")
     async_import.begin(bpy.context.scene, house.job)
     pump()
-    assert "damaged" in async_import.problem(bpy.context.scene) and not meshes()
+    assert "damaged" in import_status.problem(bpy.context.scene) and not meshes()
 
 
 def test_add_on_disabled_while_it_arrives(ready, house):
@@ -192,7 +193,7 @@ def test_a_large_mesh_comes_array_by_array(ready, house, monkeypatch):
     monkeypatch.setattr(async_import, "mesh_steps", watched)
     monkeypatch.setattr(async_import, "_longest", 0.0)
     async_import.begin(bpy.context.scene, house.job)
-    pump(lambda: at_once.append(0) or not async_import.under_way(bpy.context.scene))
+    pump(lambda: at_once.append(0) or not import_status.under_way(bpy.context.scene))
     assert len(meshes()[0].data.polygons) == len(faces) > 190_000 and async_import.longest_step() > 0
     assert max(at_once) == 1 and sum(at_once) >= 6
     for before, after in itertools.pairwise(filled):

@@ -14,6 +14,7 @@ from layouts import draw
 
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.textures import show_texture, texture_of
+from mgf_blender.jobs import import_status
 from mgf_blender.results import async_import
 from mgf_blender.results.load import import_result
 from mgf_blender.results.panel import MGF_PT_results
@@ -256,7 +257,7 @@ def test_arrives_in_short_steps_like_an_import_in_one_go(addon, textured):
     end = time.monotonic() + 20
     while async_import.pump() and time.monotonic() < end:
         time.sleep(0.002)
-    assert not async_import.problem(bpy.context.scene)
+    assert not import_status.problem(bpy.context.scene)
     (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
     np.testing.assert_array_equal(uv_of(obj.data), height_uv())
     assert shown(obj.data) == "TEXTURE" and drawn_in() == {"TEXTURE"}

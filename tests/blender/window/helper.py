@@ -115,7 +115,8 @@ def state():
         found["meshes"] = sorted(o.data.session_uid for o in bpy.data.objects if o.get("mgf_kind") == "Mesh")
         arrival = addon_module("results.async_import")
         if arrival is not None:
-            found["longest_step"], found["importing"] = arrival.longest_step(), arrival.under_way(scene)
+            found["longest_step"] = arrival.longest_step()
+            found["importing"] = addon_module("jobs.import_status").under_way(scene)
         surface = addon_module("results.surface")
         if surface is not None:
             found["painted"] = [surface.shown(o.data) for o in bpy.data.objects if o.get("mgf_kind") == "Mesh"]

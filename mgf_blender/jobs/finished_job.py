@@ -8,9 +8,8 @@ import bpy
 from ..common import runner
 from ..common.panels import SidebarPanel
 from ..job_folder import has_job_file
-from ..properties import key_of
-from .operators import last_job
-from .panel import draw_job
+from ..scene_keys import key_of
+from .status_label import draw_job
 
 
 class FinishedJobPanel(SidebarPanel):
@@ -51,7 +50,7 @@ def draw_run(
         row.operator(operator, icon=icon)
         if second is not None:
             layout.operator(second[0], icon=second[1])
-    job = last_job(scene, kinds)
+    job = runner.last_job(key_of(scene), kinds)
     if job is not None:
         draw_job(layout, job)
     return idle
