@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -14,20 +15,20 @@ from mgf_engine.geometry.rasterize import render_mesh, shaded
 from mgf_engine.jobs.job import Job
 from mgf_engine.jobs.results import load_mesh, load_scene_of
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
 
 _WIDTH = 480  # px
-_RIM = 2  # px along the frame; a photo that shows the building there cuts it off
-_CUT_OFF = 5  # weight of such a pixel against one within
+_TRIED_SIDE = 160  # px; longest side at which the photos are compared
+_CUT_OFF = 5  # weight of a pixel at the frame, where a photo cuts the building off, against one within
 
 
 def draw_picture(job: Job, path: Path) -> None:
     """Draw the photo that shows most of the building, and the mesh from the same place, side by side."""
     scene, mesh = load_scene_of(job), load_mesh(job)
     mesh = Mesh(scene.to_normalised.apply(mesh.vertices), mesh.faces, mesh.colors)
-    seen = [render_mesh(mesh, view).face >= 0 for view in scene.views]
-    best = int(np.argmax([_shown(inside) for inside in seen]))
-    v, u = np.nonzero(seen[best])
+    best = best_view(mesh, scene.views)
     view = scene.views[best]
+    v, u = np.nonzero(render_mesh(mesh, view).face >= 0)
     if not len(u):
         return
     margin = 0.15 * max(np.ptp(u), np.ptp(v)) + 4
@@ -40,7 +41,17 @@ def draw_picture(job: Job, path: Path) -> None:
     write_picture(path, np.asarray(small, np.uint8))
 
 
-def _shown(inside: NDArray[np.bool_]) -> int:
+def best_view(mesh: Mesh, views: Sequence[View]) -> int:
+    """Return the number of the view that shows most of a mesh (normalised frame), by its pixels at a small size."""
+
+    def small(view: View) -> View:
+        size = _TRIED_SIDE / max(view.width, view.height)
+        return view.resized(max(1, round(view.width * size)), max(1, round(view.height * size)))
+
+    return int(np.argmax([_shown_share(render_mesh(mesh, small(view)).face >= 0) for view in views]))
+
+
+def _shown_share(inside: NDArray[np.bool_]) -> float:
     """Rate how much of the building a photo shows, by its pixels on it [H, W]: those at the frame count against it."""
-    within = int(inside[_RIM:-_RIM, _RIM:-_RIM].sum())
-    return within - _CUT_OFF * (int(inside.sum()) - within)
+    within = int(inside[1:-1, 1:-1].sum())
+    return (within - _CUT_OFF * (int(inside.sum()) - within)) / inside.size
