@@ -27,7 +27,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.geometry import ComparisonOptions, compare_surfaces
 from mgf_engine.evaluation.materials import read_materials
 from mgf_engine.evaluation.model_cameras import cameras_of
-from mgf_engine.evaluation.surfaces import Points, SeeingCamera, Surface, read_surface
+from mgf_engine.evaluation.surfaces import MaskedView, Points, Surface, read_surface
 from mgf_engine.geometry.mesh_files import read_ply, write_ply
 from mgf_engine.model.masks import IGNORE
 from mgf_engine.system.machine import cores, cpu_name
@@ -66,7 +66,7 @@ class Prepared:
     """
 
     folder: Path
-    cameras: list[SeeingCamera]
+    cameras: list[MaskedView]
     ground_pixel: float
     crop: Points  # [2, 3], true frame
     steelwork: Surface | None = None  # its open steelwork, which is scored along with the rest and left out, too
@@ -127,7 +127,7 @@ def _ground_pixel(path: Path) -> float:
         raise BadInput(f"Cannot read the scene's record '{path}' ({error!r}); make the scene again.") from error
 
 
-def true_cameras(folder: Path) -> list[SeeingCamera]:
+def true_cameras(folder: Path) -> list[MaskedView]:
     """Return the scene's true cameras; each sees the building only where its true mask shows no occluder."""
 
     def nothing_in_front(name: str) -> NDArray[np.bool_]:

@@ -20,11 +20,9 @@ from benchmarks.measure import THRESHOLDS, f1_at
 from benchmarks.scenes import make_scene
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.model_cameras import cameras_of
-from mgf_engine.evaluation.surfaces import SeeingCamera
 from mgf_engine.files.images import write_picture
 from mgf_engine.geometry.mesh_files import read_ply
 from mgf_engine.geometry.rasterize import shaded
-from mgf_engine.model.scene import View
 
 Picture = NDArray[np.uint8]
 Row = dict[str, Any]
@@ -100,7 +98,8 @@ def scene_row(folder: Path, number: int, meshes: dict[str, Path], width: int) ->
     cameras = cameras_of(folder / "sparse_truth")
     if not 0 <= number < len(cameras):
         raise BadInput(f"'{folder.name}' has no photo {number}, only 0 to {len(cameras) - 1}.")
-    view = _view(cameras[number], width)
+    view = cameras[number].view
+    view = view.resized(width, round(view.height * width / view.width))
     photo = cv2.imread(str(folder / "images" / names[number]), cv2.IMREAD_COLOR)
     if photo is None:
         raise BadInput(f"The photo '{names[number]}' of '{folder}' cannot be read; make the scene again.")
@@ -108,13 +107,6 @@ def scene_row(folder: Path, number: int, meshes: dict[str, Path], width: int) ->
     tiles = [_captioned(np.asarray(small, np.uint8), "photo")]
     tiles += [_captioned(shaded(read_ply(path), view, from_side=True), text) for text, path in meshes.items()]
     return np.hstack(tiles)
-
-
-def _view(camera: SeeingCamera, width: int) -> View:
-    k = width / camera.width
-    size = width, round(k * camera.height)
-    inner = (camera.fx * k, camera.fy * k, camera.cx * k, camera.cy * k)
-    return View("", "", *size, *inner, camera.rotation, camera.translation, *size)
 
 
 def _captioned(picture: Picture, text: str) -> Picture:

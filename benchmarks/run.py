@@ -149,7 +149,7 @@ def _measured(args: argparse.Namespace, runs: Sequence[Run]) -> list[dict[str, A
 def _enlarged(run: Run, scene: Prepared) -> int:
     """Return the longest side of a scene's photos, px, where a run is to work on larger ones; else 0. Photos are never
     enlarged."""
-    most = max(max(camera.width, camera.height) for camera in scene.cameras)
+    most = max(max(camera.view.width, camera.view.height) for camera in scene.cameras)
     return most if make_config(run.options).resolution > most else 0
 
 

@@ -19,7 +19,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.align import align_to
 from mgf_engine.evaluation.materials import Materials
 from mgf_engine.evaluation.scores import GeometryScores, MaterialScores, check_thresholds
-from mgf_engine.evaluation.surfaces import Faces, Hygiene, Points, SeeingCamera, Surface
+from mgf_engine.evaluation.surfaces import Faces, Hygiene, MaskedView, Points, Surface
 
 MOST_SAMPLES = 100_000_000  # of a mesh: some 10 GB
 
@@ -131,7 +131,7 @@ class ComparisonOptions:
     """
 
     samples: int = 1_000_000
-    cameras: Sequence[SeeingCamera] | None = None
+    cameras: Sequence[MaskedView] | None = None
     crop: Points | None = None
     align: str = "none"
     seed: int = 0

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.evenness import typical_pixel
-from mgf_engine.evaluation.surfaces import SeeingCamera
+from mgf_engine.evaluation.surfaces import MaskedView
+from mgf_engine.model.scene import View
 
 MEASURED_POINTS = 400  # of a photo, which tell how far away what it shows is
 
 
-def colmap_cameras(scene: Path) -> list[SeeingCamera]:
+def colmap_cameras(scene: Path) -> list[MaskedView]:
     """Return the registered cameras of a COLMAP model.
 
     Raises:
@@ -45,19 +46,25 @@ def colmap_pixel(scene: Path, longest_side: int) -> float:
     return typical_pixel(distances, focals)
 
 
-def cameras_of(
-    model: Path, mask_of: Callable[[str], NDArray[np.bool_] | None] = lambda name: None
-) -> list[SeeingCamera]:
+def cameras_of(model: Path, mask_of: Callable[[str], NDArray[np.bool_] | None] = lambda name: None) -> list[MaskedView]:
     """Return the registered cameras of the COLMAP model in a folder, in the order of their photos' names.
 
     Args:
-        mask_of: name of a photo -> its mask, see :class:`SeeingCamera`.
+        mask_of: name of a photo -> its mask, see :class:`~mgf_engine.evaluation.surfaces.MaskedView`.
 
     Raises:
         BadInput: the model cannot be read or has no registered image.
     """
     _, images = _read_model(model)
-    return [SeeingCamera.of_image(image, mask_of(str(image.name))) for image in images]
+    return [MaskedView(_view(image), mask_of(str(image.name))) for image in images]
+
+
+def _view(image: Any) -> View:
+    """Return the view of a registered image of pycolmap; distortion is ignored: it hardly changes visibility."""
+    camera, pose = image.camera, image.cam_from_world()
+    k, size = camera.calibration_matrix(), (camera.width, camera.height)
+    intrinsics = (k[0, 0], k[1, 1], k[0, 2], k[1, 2])
+    return View(str(image.name), "", *size, *intrinsics, pose.rotation.matrix(), pose.translation, *size)
 
 
 def _model_folder(scene: Path) -> Path:

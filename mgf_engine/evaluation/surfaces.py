@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput, reason
 from mgf_engine.geometry.components import label_components
+from mgf_engine.model.pixels import pixel_at
+from mgf_engine.model.scene import View
 
 Points = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -42,30 +44,16 @@ class Hygiene:
 
 
 @dataclass(frozen=True)
-class SeeingCamera:
-    """A pinhole camera for visibility tests; ``camera = rotation @ world + translation``, COLMAP axes.
+class MaskedView:
+    """A view, in the frame of the surface, for visibility tests.
 
     Attributes:
+        view: its camera.
         mask: bool [height, width] or None; false where something hides the surface.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    rotation: Points  # [3, 3]
-    translation: Points  # [3]
+    view: View
     mask: NDArray[np.bool_] | None = None
-
-    @classmethod
-    def of_image(cls, image: Any, mask: NDArray[np.bool_] | None = None) -> SeeingCamera:
-        """Return the camera of a registered image of pycolmap; distortion is ignored: it hardly changes visibility."""
-        camera, pose = image.camera, image.cam_from_world()
-        k = camera.calibration_matrix()
-        intrinsics = (k[0, 0], k[1, 1], k[0, 2], k[1, 2])
-        return cls(camera.width, camera.height, *intrinsics, pose.rotation.matrix(), pose.translation, mask)
 
 
 class Surface:
@@ -128,17 +116,17 @@ class Surface:
         face, share, _ = self._tree.intersect_ray_first(self.vertices, self.faces, origins, rays)
         return face, share
 
-    def seen_by(self, points: Points, cameras: Sequence[SeeingCamera]) -> NDArray[np.bool_]:
-        """Tell which points on this surface some camera sees: in front, in frame, in its mask, nothing between; [N]."""
+    def seen_by(self, points: Points, views: Sequence[MaskedView]) -> NDArray[np.bool_]:
+        """Tell which points on this surface some view sees: in front, in frame, in its mask, nothing between; [N]."""
         seen = np.zeros(len(points), dtype=bool)
-        for camera in cameras:
+        for masked in views:
             left = np.flatnonzero(~seen)
             if len(left) == 0:
                 break
-            left = left[_in_frame(points[left], camera)]
+            left = left[_in_mask(points[left], masked)]
             if len(left) == 0:
                 continue
-            eye = -camera.rotation.T @ camera.translation
+            eye = masked.view.centre
             face, share = self.first_hits(eye, points[left] - eye)
             seen[left[(face < 0) | (share > 1.0 - 1e-4)]] = True
         return seen
@@ -159,17 +147,11 @@ class Surface:
         )  # fmt: skip
 
 
-def _in_frame(points: Points, camera: SeeingCamera) -> NDArray[np.bool_]:
-    local = points @ camera.rotation.T + camera.translation
-    depth = local[:, 2]
-    front = depth > 1e-9
-    safe = np.where(front, depth, 1.0)
-    u = local[:, 0] / safe * camera.fx + camera.cx
-    v = local[:, 1] / safe * camera.fy + camera.cy
-    inside = front & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    if camera.mask is not None:
-        hit = np.flatnonzero(inside)
-        inside[hit] = camera.mask[v[hit].astype(int), u[hit].astype(int)]
+def _in_mask(points: Points, masked: MaskedView) -> NDArray[np.bool_]:
+    """Tell which points [N, 3] lie in the frame of a view, and in its mask where it has one, bool [N]."""
+    uv, _, inside = masked.view.project_into_frame(points)
+    if masked.mask is not None:
+        inside[inside] = masked.mask[pixel_at(masked.mask.shape, uv[inside])]
     return inside
 
 

@@ -6,7 +6,6 @@ OpenCV decodes (from memory, so that paths may contain any characters); Pillow o
 
 from __future__ import annotations
 
-import io
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mgf_engine.errors import BadInput, is_full_disk
-from mgf_engine.files.atomic import atomic_path, put_in_place
+from mgf_engine.files.atomic import atomic_path
 
 _ORIENTATION_TAG = 274
 #: EXIF orientations that swap width and height.
@@ -141,9 +140,8 @@ def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     ok, data = cv2.imencode(".png", shown, [number for pair in _PNG_HOW for number in pair])
     if not ok:
         raise ValueError(f"Cannot encode a picture of shape {image.shape}")
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(io.BytesIO(data.tobytes()).getbuffer())
-    put_in_place(temporary, path)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data.tobytes())
 
 
 def is_png(data: bytes | memoryview) -> bool:

@@ -17,8 +17,9 @@ from benchmarks.develop import photo_frame
 from benchmarks.scenes import find_blender_python, make_scene, render_views, scene_folder, scenes_main
 from benchmarks.shapes import true_mesh
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.surfaces import SeeingCamera, Surface
+from mgf_engine.evaluation.surfaces import Surface
 from mgf_engine.model.masks import BUILDING, IGNORE
+from mgf_engine.model.scene import View
 
 TINY = replace(
     SCENES["demo"], building="tower", photos=2, width=120, samples=1, trees=1, trees_in_front=4, neighbours=1, cars=0,
@@ -72,7 +73,8 @@ def test_rendered_masks_agree_with_the_true_mesh_to_the_pixel(tmp_path: Path) ->
     truth = Surface(vertices, faces.astype(np.int64))
     unknown = 0
     for shot, label in zip(shots, labels, strict=True):
-        camera = SeeingCamera(*photo_frame(TINY), shot.rotation, shot.translation)
+        frame = photo_frame(TINY)
+        camera = View("", "", *frame, shot.rotation, shot.translation, *frame[:2])
         assert np.array_equal(hits(truth, camera), label != 0)
         unknown += int((label == IGNORE).sum())
         elements = cv2.imread(str(folder / "elements" / (Path(shot.name).stem + ".png")), cv2.IMREAD_UNCHANGED)
@@ -93,9 +95,13 @@ def test_rendered_masks_agree_with_the_true_mesh_to_the_pixel(tmp_path: Path) ->
     assert kept.stat().st_mtime_ns == stamp and gone.exists()
 
 
-def hits(surface: Surface, camera: SeeingCamera) -> np.ndarray:
+def hits(surface: Surface, camera: View) -> np.ndarray:
     """Pixels whose centre's ray meets the surface, bool [height, width]."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
     local = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1)
-    eye = -camera.rotation.T @ camera.translation
-    return surface.first_hits(eye, local.reshape(-1, 3) @ camera.rotation)[0].reshape(camera.height, camera.width) >= 0
+    return (
+        surface.first_hits(camera.centre, local.reshape(-1, 3) @ camera.rotation)[0].reshape(
+            camera.height, camera.width
+        )
+        >= 0
+    )

@@ -13,7 +13,8 @@ import trimesh
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.geometry import ComparisonOptions, compare_surfaces, mask_iou, score_surface
 from mgf_engine.evaluation.materials import Materials, read_materials
-from mgf_engine.evaluation.surfaces import SeeingCamera, Surface, read_surface
+from mgf_engine.evaluation.surfaces import MaskedView, Surface, read_surface
+from mgf_engine.model.scene import View
 
 
 def plane(height: float, size: float = 4.0, cells: int = 6, start: float = 0.0) -> Surface:
@@ -31,10 +32,11 @@ def sphere(radius: float) -> Surface:
     return Surface(ball.vertices, ball.faces)
 
 
-def camera_from_above(mask: np.ndarray | None = None) -> SeeingCamera:
+def camera_from_above(mask: np.ndarray | None = None) -> MaskedView:
     """Straight down from (2, 2, 10), wide enough for the planes above."""
     rotation = np.diag([1.0, -1.0, -1.0])
-    return SeeingCamera(100, 100, 100.0, 100.0, 50.0, 50.0, rotation, -rotation @ [2.0, 2.0, 10.0], mask)
+    intrinsics = (100.0, 100.0, 50.0, 50.0)
+    return MaskedView(View("", "", 100, 100, *intrinsics, rotation, -rotation @ [2.0, 2.0, 10.0], 100, 100), mask)
 
 
 def test_truth_against_itself_is_perfect_at_every_threshold() -> None:
