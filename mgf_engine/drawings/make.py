@@ -42,8 +42,8 @@ from mgf_engine.drawings.write import (
     write_sheets,
 )
 from mgf_engine.files.atomic import write_json
-from mgf_engine.jobs.job_folder import locked, read_job, with_algorithms_of_job
-from mgf_engine.jobs.output_folder import Cost, check_place, new_folder, tell_of_earlier
+from mgf_engine.jobs.job_folder import with_algorithms_of_job
+from mgf_engine.jobs.output_folder import Cost, replace_outputs
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.messages import Reporter
@@ -70,12 +70,8 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
     reporter.stages = (STAGE,)
     reporter.stage(STAGE)
     folder = (out or job / "drawings").resolve()
-    check_place(folder, INDEX, "drawings")
-    if wanted.kinds != frozenset(KINDS):
-        tell_of_earlier(folder, INDEX, reporter)
-    cost = Cost()
-    read_job(job)  # or the lock would be left in a folder without a job
-    with locked(job), new_folder(folder) as beside:
+    cost, complete = Cost(), wanted.kinds == frozenset(KINDS)
+    with replace_outputs(job, folder, INDEX, "drawings", reporter, complete) as beside:
         with cost.of("reading"):
             config = with_algorithms_of_job(job, wanted.algorithms, reporter.warning)
             survey = read_survey(job, options=config.algorithm(UpOptions))

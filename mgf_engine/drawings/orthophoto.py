@@ -19,7 +19,7 @@ from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.masks import building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.photos import PhotoMemory
-from mgf_engine.texture.bake import barycentric, look_up
+from mgf_engine.texture.bake import barycentric, sample_reduced_photo
 from mgf_engine.texture.painting import Painting
 
 AROUND = np.ones((3, 3), np.uint8)
@@ -105,7 +105,7 @@ def paint(
         size = np.median(camera.project(points)[1]) / camera.fx  # of a working pixel, normalised frame
         scale = size / (seen.grid.resolution * _shrink(survey))
         with memory.reserve(camera.original_width, camera.original_height):
-            painted = look_up(camera, painting.source(index), points, float(scale)).astype(np.float64)
+            painted = sample_reduced_photo(camera, painting.source(index), points, float(scale)).astype(np.float64)
         painted += _correction(survey, painting, face[parts[k]], index, points)
         return np.clip(np.rint(painted), 0, 255).astype(np.uint8)
 

@@ -84,18 +84,8 @@ def report_job(
         reporter: for progress, warnings and the request to cancel.
     """
     scene, masks, field, mesh = results.scene, results.masks, results.field, results.mesh
-    shown, lpips = _shown_views(scene, masks), find_lpips(Path(job.config.weights) if job.config.weights else None)
-
-    sh_degree = job.config.sh_degree if job.stages["field"]["figures"]["iterations"] else None
-
-    def one(index: int) -> ViewReport:
-        return _view_report(index, results, sh_degree, index in shown, lpips)
-
-    views: list[ViewReport] = []
-    each = _BYTES_PER_PIXEL * most_pixels(scene.views)
-    for report in each_view(one, range(len(scene.views)), field.positions.device, each):
-        reporter.progress(0.3 + 0.5 * len(views) / len(scene.views))
-        views.append(report)
+    lpips = find_lpips(Path(job.config.weights) if job.config.weights else None)
+    views = _view_reports(job, results, lpips, reporter)
     drawing, turned = curve_svg(job.stages["field"]["figures"]["curve"]), turntable(mesh, scene)  # beside the texture
     relief, evenness = turntable(mesh, scene, _RELIEF_SIDES, relief=True), _evenness(mesh, scene)
     made = texture()
@@ -124,10 +114,26 @@ def report_job(
     }  # fmt: skip
 
 
+def _view_reports(job: Job, results: JobResults, lpips: Lpips | None, reporter: Reporter) -> list[ViewReport]:
+    """Report on every view, see :func:`_view_report`."""
+    scene, shown = results.scene, _shown_views(results.scene, results.masks)
+    sh_degree = job.config.sh_degree if job.stages["field"]["figures"]["iterations"] else None
+
+    def report(index: int) -> ViewReport:
+        return _view_report(index, results, sh_degree, index in shown, lpips)
+
+    views: list[ViewReport] = []
+    each = _BYTES_PER_PIXEL * most_pixels(scene.views)
+    for made in each_view(report, range(len(scene.views)), results.field.positions.device, each):
+        reporter.progress(0.3 + 0.5 * len(views) / len(scene.views))
+        views.append(made)
+    return views
+
+
 def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, views: list[ViewReport]) -> float | None:
     """Add a picture of the textured mesh to the views with pictures; returns its mean PSNR in held-out photos, dB."""
 
-    def one(index: int) -> Scores | None:
+    def draw(index: int) -> Scores | None:
         picture = draw_textured(mesh, texture, scene.views[index])[0]
         views[index].pictures["texture"] = limit_side(picture)
         measured = views[index].held_out and masks.used[index]
@@ -135,7 +141,7 @@ def _show_texture(mesh: Mesh, texture: Texture, scene: Scene, masks: MaskSet, vi
 
     shown = [index for index, view in enumerate(views) if view.pictures]
     each = _BYTES_PER_PIXEL * most_pixels(scene.views)
-    return mean_scores([scores for scores in parallel_map(one, shown, bytes_each=each) if scores]).psnr
+    return mean_scores([scores for scores in parallel_map(draw, shown, bytes_each=each) if scores]).psnr
 
 
 def _evenness(mesh: Mesh, scene: Scene) -> Evenness | None:
@@ -171,6 +177,7 @@ def _facts(scene: Scene, masks: MaskSet, data: ReportData) -> JobFacts:
 
 
 def _shown_views(scene: Scene, masks: MaskSet) -> set[int]:
+    """Choose the views that get pictures: those kept out of training, and a few others."""
     training = [i for i in range(len(scene.views)) if masks.used[i] and i not in scene.held_out]
     step = max(1, len(training) // _TRAINING_VIEWS_SHOWN)
     return {*scene.held_out, *training[::step][:_TRAINING_VIEWS_SHOWN]}

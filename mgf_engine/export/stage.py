@@ -45,32 +45,18 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
 
     The texture is made beside all that does not show it: both have long stretches that one core works on alone.
     """
-
     scene, masks = load_inputs(job)
     rated = load_mesh(job, ("confidence", "views"))
     mesh = replace(rated, values={})
     fit = georeference_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
     field = load_field(job).to(choose_device(job.config.device).device)
-    chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
-    if job.stages["field"]["figures"].get("iterations") == 0:
-        chosen = ()  # a field that nothing was trained in shows nothing worth a look
-
-    def one(index: int) -> str:
-        name = f"renders/{Path(scene.views[index].file).stem}.png"
-        _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
-        return name
-
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     shown = replace(normalised, values=rated.values)
     with ThreadPoolExecutor(1, "mgf-texture") as beside:
         warnings: list[str] = []  # this thread reports them: who listens expects all messages from one
         make = partial(_texture, job, scene, masks, normalised, warnings.append, reporter.check)
         painting = beside.submit(make) if job.config.texture else None
-        renders: dict[int, str] = {}
-        rendered = each_view(one, chosen, field.positions.device, _BYTES_PER_PIXEL * most_pixels(scene.views))
-        for index, name in zip(chosen, rendered, strict=True):
-            reporter.progress(_RENDERED * len(renders) / len(chosen))
-            renders[index] = name
+        renders = _render_views(job, scene, field, reporter)
 
         def texture() -> Texture | None:
             made = painting.result() if painting else None
@@ -85,6 +71,25 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     manifest = {**_manifest(job, scene, renders, figures), **_offset(field, scene)}
     keep_run(job.folder, _RESULT, manifest, job.user_options)
     return figures
+
+
+def _render_views(job: Job, scene: Scene, field: Gaussians, reporter: Reporter) -> dict[int, str]:
+    """Render the views that the options choose; returns the path in the job folder of each one's render."""
+    if job.stages["field"]["figures"].get("iterations") == 0:
+        return {}  # a field that nothing was trained in shows nothing worth a look
+    chosen = range(len(scene.views)) if job.config.render_all else scene.held_out or scene.roots
+
+    def write(index: int) -> str:
+        name = f"renders/{Path(scene.views[index].file).stem}.png"
+        _write_render(render_view(field, scene.views[index], job.config.sh_degree), job.path(name))
+        return name
+
+    renders: dict[int, str] = {}
+    written = each_view(write, chosen, field.positions.device, _BYTES_PER_PIXEL * most_pixels(scene.views))
+    for index, name in zip(chosen, written, strict=True):
+        reporter.progress(_RENDERED * len(renders) / len(chosen))
+        renders[index] = name
+    return renders
 
 
 def _texture(

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mgf_engine.errors import BadInput
+from mgf_engine.jobs.job_folder import locked, read_job
 from mgf_engine.messages import Reporter
 from mgf_engine.options.config import Config
 from mgf_engine.system.machine import cpu_seconds, peak_memory
@@ -64,11 +65,38 @@ class Deliverables:
         self.reporter.send("result", path=str(folder), files=files, figures=shown)
 
 
-def check_place(folder: Path, index: str, what: str) -> None:
+@contextmanager
+def replace_outputs(
+    job: Path, folder: Path, index: str, what: str, reporter: Reporter, complete: bool = True
+) -> Iterator[Path]:
+    """Lock a finished job, and return a folder for what is made of it, see :func:`atomic_folder`.
+
+    Args:
+        job: its folder.
+        folder: where the outputs go in the end; an earlier run's are replaced.
+        index: name of the file that lists them, by which an earlier run is known.
+        what: they are, in one word.
+        reporter: takes the warning that a run for only a part of them replaces all.
+        complete: whether all of them are made.
+
+    Raises:
+        BadInput: there is no job, or the folder holds other files or cannot be written.
+    """
+    check_output_folder(folder, index, what)
+    if not complete:
+        warn_of_replacement(folder, index, reporter)
+    read_job(job)  # or the lock would be left in a folder without a job
+    with locked(job), atomic_folder(folder) as beside:
+        yield beside
+
+
+def check_output_folder(folder: Path, index: str, what: str) -> None:
     """Refuse a folder that holds anything else than an earlier run.
 
     Args:
-        index: name of the file that an earlier run left there; what: what such a folder holds, in one word.
+        folder: that the run is to write.
+        index: name of the file that an earlier run left there.
+        what: such a folder holds, in one word.
 
     Raises:
         BadInput: it is a file, or holds other files.
@@ -79,11 +107,12 @@ def check_place(folder: Path, index: str, what: str) -> None:
         raise BadInput(f"The folder '{folder}' is not empty and holds no {what}; give an empty or new folder.")
 
 
-def tell_of_earlier(folder: Path, index: str, reporter: Reporter) -> None:
+def warn_of_replacement(folder: Path, index: str, reporter: Reporter) -> None:
     """Warn before a run of which only a part was asked for that it replaces everything an earlier run made.
 
     Args:
-        folder: of both runs; index: name of the file that the earlier run left there.
+        folder: of both runs.
+        index: name of the file that the earlier run left there.
         reporter: takes the warning.
     """
     if (folder / index).is_file():
@@ -95,7 +124,7 @@ def tell_of_earlier(folder: Path, index: str, reporter: Reporter) -> None:
 
 
 @contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
+def atomic_folder(folder: Path) -> Iterator[Path]:
     """Return a folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise.
 
     Raises:

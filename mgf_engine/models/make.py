@@ -11,8 +11,8 @@ import numpy as np
 from mgf_engine.drawings.load import UpOptions, read_survey, warn_of_unknown_scale
 from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.mesh_files import COORDINATES, IMAGE, read_texture
-from mgf_engine.jobs.job_folder import locked, read_job, with_algorithms_of_job
-from mgf_engine.jobs.output_folder import Cost, check_place, new_folder, tell_of_earlier
+from mgf_engine.jobs.job_folder import with_algorithms_of_job
+from mgf_engine.jobs.output_folder import Cost, replace_outputs
 from mgf_engine.messages import Reporter
 from mgf_engine.models.cityjson import FILE as CITYJSON
 from mgf_engine.models.cityjson import make_cityjson
@@ -48,12 +48,8 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
     reporter.stages = (STAGE,)
     reporter.stage(STAGE)
     folder = (out or job / STAGE).resolve()
-    check_place(folder, INDEX, STAGE)
-    if set(wanted.kinds) != set(KINDS):
-        tell_of_earlier(folder, INDEX, reporter)
-    cost = Cost()
-    read_job(job)  # or the lock would be left in a folder without a job
-    with locked(job), new_folder(folder) as beside:
+    cost, complete = Cost(), set(wanted.kinds) == set(KINDS)
+    with replace_outputs(job, folder, INDEX, STAGE, reporter, complete) as beside:
         with cost.of("reading"):
             config = with_algorithms_of_job(job, wanted.algorithms, reporter.warning)
             survey = read_survey(job, options=config.algorithm(UpOptions))

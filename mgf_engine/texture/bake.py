@@ -112,7 +112,7 @@ def barycentric(triangle: NDArray[np.float64], at: NDArray[np.floating]) -> NDAr
     return np.stack([1 - b - c, b, c], 1)
 
 
-def look_up(view: View, source: Source, points: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
+def sample_reduced_photo(view: View, source: Source, points: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
     """Look up the photo of a view at points [n, 3]; RGB uint8 [n, 3].
 
     Args:

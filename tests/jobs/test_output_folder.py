@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.jobs.output_folder import Cost, Deliverables, check_place, new_folder, tell_of_earlier
+from mgf_engine.jobs.output_folder import Cost, Deliverables, atomic_folder, check_output_folder, warn_of_replacement
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.options.config import make_config
 
@@ -19,7 +19,7 @@ def test_a_whole_folder_replaces_the_old_one(tmp_path: Path) -> None:
     out = tmp_path / "drawings"
     out.mkdir()
     (out / "old.txt").touch()
-    with new_folder(out) as beside:
+    with atomic_folder(out) as beside:
         (beside / "new.txt").touch()
         assert (out / "old.txt").exists()
     assert [p.name for p in out.iterdir()] == ["new.txt"] and list(tmp_path.iterdir()) == [out]
@@ -29,7 +29,7 @@ def test_a_failure_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> Non
     out = tmp_path / "drawings"
     out.mkdir()
     (out / "old.txt").touch()
-    with pytest.raises(ZeroDivisionError), new_folder(out):
+    with pytest.raises(ZeroDivisionError), atomic_folder(out):
         raise ZeroDivisionError
     assert [p.name for p in out.iterdir()] == ["old.txt"] and list(tmp_path.iterdir()) == [out]
 
@@ -37,24 +37,24 @@ def test_a_failure_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> Non
 def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").touch()
     with pytest.raises(BadInput, match="holds no drawings"):
-        check_place(tmp_path, "drawings.json", "drawings")
+        check_output_folder(tmp_path, "drawings.json", "drawings")
     with pytest.raises(BadInput, match="is a file"):
-        check_place(tmp_path / "thesis.txt", "drawings.json", "drawings")
+        check_output_folder(tmp_path / "thesis.txt", "drawings.json", "drawings")
     if sys.platform != "win32":  # a device is neither file nor folder: all was drawn before it was refused
         with pytest.raises(BadInput, match="is a file"):
-            check_place(Path(os.devnull), "drawings.json", "drawings")
+            check_output_folder(Path(os.devnull), "drawings.json", "drawings")
     (tmp_path / "drawings.json").touch()
-    check_place(tmp_path, "drawings.json", "drawings")
-    check_place(tmp_path / "new", "drawings.json", "drawings")
+    check_output_folder(tmp_path, "drawings.json", "drawings")
+    check_output_folder(tmp_path / "new", "drawings.json", "drawings")
 
 
 def test_a_part_is_said_to_take_the_place_of_everything_before(tmp_path: Path) -> None:
     said: list[Message] = []
-    tell_of_earlier(tmp_path, "drawings.json", Reporter(said.append))
+    warn_of_replacement(tmp_path, "drawings.json", Reporter(said.append))
     assert not said
     for name in ("drawings.json", "plan.svg"):
         (tmp_path / name).touch()
-    tell_of_earlier(tmp_path, "drawings.json", Reporter(said.append))
+    warn_of_replacement(tmp_path, "drawings.json", Reporter(said.append))
     assert "(2 files); stop it and give --out" in said[0]["text"]
 
 

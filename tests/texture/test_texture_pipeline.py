@@ -24,7 +24,7 @@ from mgf_engine.scene import photos
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.load import load_scene
 from mgf_engine.texture import bake
-from mgf_engine.texture.bake import look_up
+from mgf_engine.texture.bake import sample_reduced_photo
 from mgf_engine.texture.draw import draw_textured
 from mgf_engine.texture.model import Source
 from mgf_engine.texture.texture_pipeline import make_texture
@@ -185,7 +185,7 @@ def test_a_photo_is_looked_up_through_its_lens(scene: Scene) -> None:
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     photo = np.stack([x, y, 0 * x], 2).astype(np.uint8)
     points = view.centre + np.array([[0.45, 0.3, 1], [-0.4, 0.2, 1], [0, 0, 1]]) @ view.rotation
-    found = look_up(bent, Source(photo, True), points, 2.0)
+    found = sample_reduced_photo(bent, Source(photo, True), points, 2.0)
     expected = to_original(bent, bent.project(points)[0])
     assert np.abs(found[:, :2] - expected).max() < 1.5
     straight = to_original(view, view.project(points)[0])
