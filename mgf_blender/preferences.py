@@ -146,7 +146,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
             row.operator("mgf.cancel_engine_task", text="", icon="X")
             if task.output:
                 layout.label(text=task.output[-1].strip()[:100], translate=False)
-        elif not current_task.speaks_of_chosen():
+        elif not current_task.is_about_chosen_engine():
             return
         elif task.status in {FAILED, CANCELLED}:
             draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")

@@ -53,7 +53,7 @@ def chosen_engine() -> tuple[str, str]:
     return source, prefs.engine_path if source == "EXISTING" else ""
 
 
-def speaks_of_chosen() -> bool:
+def is_about_chosen_engine() -> bool:
     """Tell whether what the task says at its end is about the engine that is chosen now: another can have been chosen
     meanwhile."""
     return _current is None or _current.engine == chosen_engine()

@@ -25,7 +25,7 @@ def _finish_in_background(operator: bpy.types.Operator, task: Task) -> set[str]:
     if not bpy.app.background:
         return {"FINISHED"}
     status = task.run()
-    swap.wait()
+    swap.wait_for_removal()
     if status != DONE:
         operator.report({"ERROR"}, task.text)
         return {"CANCELLED"}
@@ -142,7 +142,7 @@ class MGF_OT_remove_engine(_ReplacesEngine):
         swap.remove(managed_environment())
         current_task.forget()
         if bpy.app.background:
-            swap.wait()
+            swap.wait_for_removal()
 
 
 class MGF_OT_show_preferences(Operator):

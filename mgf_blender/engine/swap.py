@@ -28,7 +28,7 @@ def replace_engine(target: Path) -> None:
     Raises:
         UserError: a program still uses the one before; it is kept as it was.
     """
-    aside(target)
+    move_aside(target)
     try:
         unfinished(target).rename(target)
     except OSError as error:
@@ -37,13 +37,13 @@ def replace_engine(target: Path) -> None:
     discard(_old(target))
 
 
-def aside(target: Path) -> None:
+def move_aside(target: Path) -> None:
     """Take the engine out of its place, in one step: it is whole or gone, never half there.
 
     Raises:
         UserError: a program still uses it.
     """
-    wait()
+    wait_for_removal()
     recover(target)
     if target.exists():
         try:
@@ -68,7 +68,7 @@ def discard(*folders: Path) -> None:
     installation that went well does not fail for it.
     """
     global _removal
-    wait()
+    wait_for_removal()
     found = [folder for folder in folders if folder.exists()]
     if not found:
         return
@@ -84,7 +84,7 @@ def discarding() -> bool:
     return _removal is not None and _removal.returncode() is None
 
 
-def wait() -> None:
+def wait_for_removal() -> None:
     """Wait until nothing is being removed any more."""
     while _removal is not None and not _removal.wait(60.0):
         pass
@@ -96,7 +96,7 @@ def remove(target: Path) -> None:
     Raises:
         UserError: a program still uses it.
     """
-    aside(target)
+    move_aside(target)
     discard(_old(target), unfinished(target))
 
 

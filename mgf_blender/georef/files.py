@@ -23,7 +23,7 @@ from .properties import set_mark
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownPoint:
     """A point as the engine knows it.
 
     Attributes:
@@ -42,7 +42,7 @@ class Known:
 
 
 @dataclass(frozen=True)
-class Row:
+class PointResiduals:
     """A point's residuals in metres (NaN where it could not be placed) and pixels, and what is to be said of it."""
 
     name: str
@@ -114,43 +114,43 @@ def read_marks(scene: bpy.types.Scene, path: Path) -> int:
     return len(rows)
 
 
-def read_places(job: Path) -> dict[str, Known]:
+def read_known_points(job: Path) -> dict[str, KnownPoint]:
     """Read the control points by name, as the engine read them from the user's file; empty before it did."""
-    return _all_places.get(places_path(job)) or {}
+    return _points_files.get(places_path(job)) or {}
 
 
-def read_rows(job: Path) -> list[Row]:
+def read_residuals(job: Path) -> list[PointResiduals]:
     """Read residuals of the last run's points, from ``report.json``."""
-    return _all_rows.get(job / "report.json") or []
+    return _report_files.get(job / "report.json") or []
 
 
-def rmse(rows: list[Row], role: str) -> float | None:
+def rmse(residuals: list[PointResiduals], role: str) -> float | None:
     """Return the root mean square distance of the points of a role from where they should be, metres; None without
     any that could be placed and agree with the others."""
-    squares = [sum(v * v for v in r.residual) for r in rows
+    squares = [sum(v * v for v in r.residual) for r in residuals
                if r.role == role and not r.note and math.isfinite(r.residual[0])]  # fmt: skip
     return math.sqrt(sum(squares) / len(squares)) if squares else None
 
 
 def read_placement(job: Path) -> Placement | None:
     """Read the job's georeference."""
-    return _placements.get(job / "georef.json")
+    return _placement_files.get(job / "georef.json")
 
 
-def _places(path: Path, data: dict[str, Any]) -> dict[str, Known]:
+def _known_points(path: Path, data: dict[str, Any]) -> dict[str, KnownPoint]:
     found = {}
     for entry in data["points"]:
         photos = {str(name): _three(values) for name, values in entry["photos"].items()}
-        found[str(entry["name"])] = Known(
+        found[str(entry["name"])] = KnownPoint(
             str(entry["name"]), str(entry["role"]), str(entry["by"]),
             None if entry["pixels"] is None else float(entry["pixels"]), tuple(map(str, entry["wrong"])), photos,
         )  # fmt: skip
     return found
 
 
-def _rows(path: Path, data: dict[str, Any]) -> list[Row]:
+def _residuals(path: Path, data: dict[str, Any]) -> list[PointResiduals]:
     return [
-        Row(
+        PointResiduals(
             str(p["name"]), str(p["role"]), _three([math.nan if v is None else v for v in p["residual"]]),
             math.nan if p["pixels"] is None else float(p["pixels"]), str(p["note"]),
         )
@@ -172,4 +172,4 @@ def _three(values: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-_all_places, _all_rows, _placements = JsonCache(_places), JsonCache(_rows), JsonCache(_placement)
+_points_files, _report_files, _placement_files = JsonCache(_known_points), JsonCache(_residuals), JsonCache(_placement)

@@ -19,27 +19,24 @@ from ..prompts.tool import TOOL_ID
 from .properties import active_point
 
 SIDE = 176.0  # of the square, interface pixels
-LEAST_ZOOM, MORE = 8.0, 4.0  # screen pixels of a photo pixel, and times the editor's own zoom, whichever is more
+LEAST_ZOOM, ZOOM_FACTOR = 8.0, 4.0  # screen pixels of a photo pixel, and times the editor's own zoom, whichever is more
 _AWAY, _EDGE = 28.0, 6.0  # from the pointer, and from the editor's edge, interface pixels
 _GAP = 4.0  # screen pixels around the exact place that the cross leaves free
 _DARK, _LIGHT, _FRAME = (0.0, 0.0, 0.0, 0.75), (1.0, 0.9, 0.1, 1.0), (0.9, 0.9, 0.9, 1.0)
 
-_held: tuple[float, float] | None = None  # the pixel of the mark that is dragged
+_dragged: tuple[float, float] | None = None  # the pixel of the mark that is dragged
 _handle: Any = None
 
 
-def hold(uv: tuple[float, float] | None) -> None:
+def show_pixel(uv: tuple[float, float] | None) -> None:
     """Show this pixel of the photo instead of the one under the pointer; None shows that again."""
-    global _held
-    _held = uv
+    global _dragged
+    _dragged = uv
 
 
-def held() -> tuple[float, float] | None:
-    """Return the pixel of the mark that is dragged."""
-    return _held
-
-
-def lens(pointer: tuple[float, float], area: tuple[float, float], scale: float) -> tuple[float, float, float]:
+def place_magnifier(
+    pointer: tuple[float, float], area: tuple[float, float], scale: float
+) -> tuple[float, float, float]:
     """Return where the magnifier stands: its left and lower edge, and its side, pixels of the region.
 
     It is above and right of the pointer, on the other side where there is no room, and never over the pointer unless
@@ -67,17 +64,17 @@ def magnification(zoom: float, scale: float) -> float:
         zoom: screen pixels of a photo pixel in the editor.
         scale: of the interface.
     """
-    return max(LEAST_ZOOM * scale, MORE * zoom)
+    return max(LEAST_ZOOM * scale, ZOOM_FACTOR * zoom)
 
 
-def shown(uv: tuple[float, float], side: float, zoom: float) -> tuple[float, float, float, float]:
+def visible_part(uv: tuple[float, float], side: float, zoom: float) -> tuple[float, float, float, float]:
     """Return the part of the photo in the magnifier, whose middle is ``uv``: left, top, right, bottom in photo
     pixels."""
     half = side / zoom / 2
     return uv[0] - half, uv[1] - half, uv[0] + half, uv[1] + half
 
 
-def wanted(context: bpy.types.Context) -> bool:
+def marks_on_click(context: bpy.types.Context) -> bool:
     """Tell whether a click here would mark a control point: a listed photo, the point tool, a point chosen."""
     space, scene = context.space_data, context.scene
     if space is None or space.type != "IMAGE_EDITOR" or space.image is None or space.ui_mode != "VIEW":
@@ -95,22 +92,22 @@ def draw(xy: tuple[int, int]) -> None:
         xy: the pointer in the window.
     """
     context = bpy.context
-    if not wanted(context):
+    if not marks_on_click(context):
         return
     region, space = context.region, context.space_data
     pointer = float(xy[0] - region.x), float(xy[1] - region.y)
     width, height = space.image.size
     x, y = region.view2d.region_to_view(*pointer)
-    if _held is None and not (0 <= x <= 1 and 0 <= y <= 1):
+    if _dragged is None and not (0 <= x <= 1 and 0 <= y <= 1):
         return
-    uv = _held if _held is not None else (x * width, (1 - y) * height)
+    uv = _dragged if _dragged is not None else (x * width, (1 - y) * height)
     scale = context.preferences.system.ui_scale
-    left, low, side = lens(pointer, _free(context.area, region), scale)
-    part = shown(uv, side, magnification(space.zoom[0], scale))
-    _draw_lens(space.image, (region.x + left, region.y + low), side, part)
+    left, low, side = place_magnifier(pointer, _free_size(context.area, region), scale)
+    part = visible_part(uv, side, magnification(space.zoom[0], scale))
+    _draw_magnifier(space.image, (region.x + left, region.y + low), side, part)
 
 
-def _free(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
+def _free_size(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
     """Return the width and height of the region that no sidebar or header covers, from its lower left corner."""
     sides = [r.x for r in area.regions if r.type == "UI" and r.width > 1 and r.x > region.x]
     tops = [r.y for r in area.regions if r.type in {"HEADER", "TOOL_HEADER"} and r.height > 1 and r.y > region.y]
@@ -118,7 +115,7 @@ def _free(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]
     return float(right - region.x), float(top - region.y)
 
 
-def _draw_lens(
+def _draw_magnifier(
     image: bpy.types.Image, corner: tuple[float, float], side: float, part: tuple[float, float, float, float]
 ) -> None:
     """Draw the square with the photo's pixels, its frame, and the cross whose middle is the exact place."""
@@ -186,7 +183,7 @@ def register() -> None:
 def unregister() -> None:
     """Remove the cursor."""
     global _handle
-    hold(None)
+    show_pixel(None)
     if _handle is not None:
         bpy.types.WindowManager.draw_cursor_remove(_handle)
         _handle = None

@@ -17,7 +17,7 @@ from ..scene_import.framing import frame_tree
 from ..scene_import.operators import SceneOperator
 from ..scene_import.tree import Tree
 from . import files
-from .place import place
+from .place import place_scene
 from .properties import active_point
 from .start import georef_job, places_job
 
@@ -79,7 +79,7 @@ class MGF_OT_place_scene(SceneOperator):
             raise UserError("The job has no true coordinates yet; press Georeference Job first.")
         tree = Tree.find(context.scene)
         before = tree.root.matrix_world.copy()
-        place(context.scene, tree, found)
+        place_scene(context.scene, tree, found)
         if tree.root.matrix_world != before:  # it may stand hundreds of meters above the origin now
             frame_tree(context, tree)
 
@@ -196,9 +196,9 @@ def step_from(name: str, names: list[str], step: int) -> str:
     return names[(at + step - (1 if between and step > 0 else 0)) % len(names)]
 
 
-def _known_points(scene: bpy.types.Scene) -> dict[str, files.Known]:
+def _known_points(scene: bpy.types.Scene) -> dict[str, files.KnownPoint]:
     """Return the control points as the engine read them; none where the scene has no job."""
-    return files.read_places(job_folder(scene)) if has_job_file(scene) else {}
+    return files.read_known_points(job_folder(scene)) if has_job_file(scene) else {}
 
 
 CLASSES = (

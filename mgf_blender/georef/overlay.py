@@ -10,7 +10,7 @@ import bpy
 from ..common.image_overlay import ImageOverlay, draw_cross, draw_lines
 from ..job_folder import has_job_file, job_folder
 from ..prompts.properties import photo_of_image
-from .files import read_places
+from .files import read_known_points
 from .properties import active_point
 
 _CHOSEN, _OTHER, _WRONG = (1.0, 0.9, 0.1, 1.0), (0.75, 0.75, 0.75, 0.9), (1.0, 0.25, 0.2, 1.0)
@@ -30,7 +30,7 @@ def draw() -> None:
     name = chosen.name if chosen is not None else ""
     view, scale = context.region.view2d, context.preferences.system.ui_scale
     width, height = (max(1, v) for v in space.image.size)
-    known = read_places(job_folder(scene)) if has_job_file(scene) else {}
+    known = read_known_points(job_folder(scene)) if has_job_file(scene) else {}
 
     def at(u: float, v: float) -> tuple[float, float]:
         return view.view_to_region(u / width, 1 - v / height, clip=False)

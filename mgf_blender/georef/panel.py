@@ -53,22 +53,22 @@ class MGF_PT_georef(FinishedJobPanel, bpy.types.Panel):
             draw_sentence(layout, text, "TRACKER")
         second = ("mgf.use_in_reconstruction", "HOME") if len(state.marks) else None
         if draw_run(layout, scene, ("georef", "places"), "mgf.georeference", "WORLD", second):
-            _draw_rows(layout, files.read_rows(job_folder(scene)))
+            _draw_residuals(layout, files.read_residuals(job_folder(scene)))
             _draw_place(layout, scene)
 
 
-def _draw_rows(layout: bpy.types.UILayout, rows: list[files.Row]) -> None:
+def _draw_residuals(layout: bpy.types.UILayout, residuals: list[files.PointResiduals]) -> None:
     """Draw the residuals of the points, in millimeters and pixels; check points are marked with a ring."""
-    if not rows:
+    if not residuals:
         return
     box = layout.box().column(align=True)
     _draw_cells(box, (tr("mm"), tr("East"), tr("North"), tr("Up"), tr("px")), "BLANK1")
-    for row in rows:
+    for row in residuals:
         values = [_number(1000 * v, "+.0f") for v in row.residual]
         icon = "ERROR" if row.note else "RADIOBUT_OFF" if row.role == "check" else "RADIOBUT_ON"
         _draw_cells(box, (row.name, *values, _number(row.pixels, ".1f")), icon)
     for role, title in (("control", N_("Control")), ("check", N_("Check"))):
-        error = files.rmse(rows, role)
+        error = files.rmse(residuals, role)
         if error is not None:
             draw_sentence(box, tr("{role}: RMSE {total:.1f} mm", role=tr(title), total=1000 * error), "BLANK1")
 
@@ -155,7 +155,7 @@ class MGF_PT_control_points(PhotoPanel, bpy.types.Panel):
         point = active_point(scene)
         if point is None:
             return
-        known = files.read_places(job_folder(scene)).get(point.name) if has_job_file(scene) else None
+        known = files.read_known_points(job_folder(scene)).get(point.name) if has_job_file(scene) else None
         text = tr(_BY.get(known.by if known is not None else "", _BY[""]))
         if known is not None and known.pixels is not None:
             text += tr(", {pixels:.1f} px", pixels=known.pixels)

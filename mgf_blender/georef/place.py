@@ -25,7 +25,7 @@ _HELP = {
 }
 
 
-def place(scene: bpy.types.Scene, tree: Tree, found: Placement) -> None:
+def place_scene(scene: bpy.types.Scene, tree: Tree, found: Placement) -> None:
     """Move, turn and scale the scene's empty so that Blender's world is the local frame in metres, and note where."""
     tree.root.matrix_world = Matrix(root_matrix(tree, found).tolist())
     for obj in tree.objects("Cameras"):
@@ -59,7 +59,7 @@ def root_matrix(tree: Tree, found: Placement) -> np.ndarray:
 
 
 def is_placed(scene: bpy.types.Scene, tree: Tree, found: Placement) -> bool:
-    """Tell whether the scene still lies as :func:`place` put it for this georeference."""
+    """Tell whether the scene still lies as :func:`place_scene` put it for this georeference."""
     if [scene.get(name) for name in (EAST, NORTH, HEIGHT)] != list(found.offset):
         return False
     wanted, now = root_matrix(tree, found), np.array(tree.root.matrix_world)

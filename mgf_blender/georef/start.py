@@ -12,7 +12,7 @@ from ..job_folder import has_job_file, job_folder
 from ..jobs.start import tool_job
 from ..operator_calls import run_in
 from ..scene_keys import scene_key, scene_of
-from .files import marks_path, marks_text, places_path, read_placement, read_places, write_marks
+from .files import marks_path, marks_text, places_path, read_known_points, read_placement, write_marks
 
 
 def georef_job(scene: bpy.types.Scene) -> Job:
@@ -70,7 +70,7 @@ def ended(job: Job) -> None:
         if found is not None and found.metric:
             run_in(scene, "place_scene")
         return
-    state, there = scene.mgf.georef, read_places(job.folder)
+    state, there = scene.mgf.georef, read_known_points(job.folder)
     if [(p.name, p.role) for p in state.points] != [(k.name, k.role) for k in there.values()]:
         run_in(scene, "take_control_points")
     known = marks_path(job.folder)

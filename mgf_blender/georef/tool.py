@@ -41,7 +41,7 @@ class _OnMark(OnPhoto):
         point = active_point(context.scene)
         if point is None:
             raise UserError("The control point is not in the list any more; choose another one.")
-        return point.name, self._photo(context).name
+        return point.name, self.listed_photo(context).name
 
 
 class MGF_OT_mark(_OnMark, DragOnPhoto):
@@ -62,7 +62,7 @@ class MGF_OT_mark(_OnMark, DragOnPhoto):
         predict_again(context.scene)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self._locate(context, event)
+        self.locate(context, event)
         if not self.inside:
             return {"PASS_THROUGH"}
         at = mark_of(context.scene, *self._names(context))
@@ -84,15 +84,15 @@ class MGF_OT_mark(_OnMark, DragOnPhoto):
     def _put(self, context: bpy.types.Context) -> None:
         set_mark(context.scene, *self._names(context), self.uv)
         self._at = tuple(self.uv)
-        magnifier.hold(self._at)
+        magnifier.show_pixel(self._at)
 
     def drop(self, context: bpy.types.Context) -> None:
         self.uv = self._at
-        magnifier.hold(None)
+        magnifier.show_pixel(None)
         predict_again(context.scene)
 
     def put_back(self, context: bpy.types.Context) -> None:
-        magnifier.hold(None)
+        magnifier.show_pixel(None)
         at = mark_of(context.scene, *self._names(context))
         if self._before is not None:
             set_mark(context.scene, *self._names(context), self._before)
@@ -110,7 +110,7 @@ class MGF_OT_remove_mark(_OnMark):
     photo: bpy.props.IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self._locate(context, event)
+        self.locate(context, event)
         return self.execute(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:

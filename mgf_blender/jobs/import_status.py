@@ -33,11 +33,6 @@ def problem(scene: bpy.types.Scene) -> str:
     return _problems.get(key_of(scene), "")
 
 
-def problems() -> list[str]:
-    """Return why the last imports into all scenes failed."""
-    return list(_problems.values())
-
-
 def clear() -> None:
     """Forget all imports."""
     _under_way.clear()

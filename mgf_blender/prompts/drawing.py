@@ -34,7 +34,7 @@ def draw() -> None:
     photo = scene.mgf.photos[index]
     view = context.region.view2d
     if not overlay.job_knows(scene, photo):
-        preview.notice(scene, photo)
+        preview.note_clicks(scene, photo)
     if scene.mgf.show_mask and not marks_control_points(scene):  # which needs the photo's own edges
         overlay.draw(scene, photo, view)
     scale = context.preferences.system.ui_scale

@@ -87,7 +87,7 @@ class MGF_PT_prompts(PhotoPanel, bpy.types.Panel):
         layout, state = self.layout, context.scene.mgf
         layout.separator()
         photo = active_photo(context.scene)
-        found = preview.of(context.scene, photo.name) if photo is not None else None
+        found = preview.newest(context.scene, photo.name) if photo is not None else None
         row = layout.row(align=True)
         if found is not None and found.status == preview.RUNNING:  # in the button's place: nothing moves meanwhile
             row.label(text="Finding the building", icon="SORTTIME")

@@ -2,7 +2,7 @@
 """The mask of one photo from its own clicks, within seconds: the engine's ``preview`` command.
 
 It runs beside the queue of jobs, so a long job does not hold it up; the newest request replaces a running one. The
-draw handler calls :func:`notice`, which is how every change of the clicks is seen (a click, a drag, undo, a loaded
+draw handler calls :func:`note_clicks`, which is how every change of the clicks is seen (a click, a drag, undo, a loaded
 file) without a hook at each of them.
 """
 
@@ -31,7 +31,7 @@ _QUIET = 0.35  # seconds without a change of the clicks before an automatic prev
 _latest: dict[tuple[str, str], Preview] = {}  # (scene key, photo) -> its newest preview
 _finished: dict[tuple[str, str], Preview] = {}  # the same -> the one before that has a mask
 _wanted: dict[tuple[str, str], float] = {}  # the same -> when an automatic preview is due
-_seen: dict[tuple[str, str], str] = {}  # the clicks that :func:`notice` saw last
+_seen: dict[tuple[str, str], str] = {}  # the clicks that :func:`note_clicks` saw last
 _count = 0
 
 
@@ -123,20 +123,20 @@ def start(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> Preview:
     return found
 
 
-def of(scene: bpy.types.Scene, photo: str) -> Preview | None:
+def newest(scene: bpy.types.Scene, photo: str) -> Preview | None:
     """Return the newest preview of a photo in a scene."""
     return _latest.get((key_of(scene), photo))
 
 
 def finished(scene: bpy.types.Scene, photo: str) -> Preview | None:
     """Return the newest preview of a photo that has a mask, also while the next one runs."""
-    newest = of(scene, photo)
-    return newest if newest is not None and newest.status == DONE else _finished.get((key_of(scene), photo))
+    latest = newest(scene, photo)
+    return latest if latest is not None and latest.status == DONE else _finished.get((key_of(scene), photo))
 
 
 def under_way(scene: bpy.types.Scene, photo: str) -> bool:
     """Tell whether a preview of a photo runs or is due."""
-    found = of(scene, photo)
+    found = newest(scene, photo)
     return (key_of(scene), photo) in _wanted or (found is not None and found.status == RUNNING)
 
 
@@ -163,7 +163,7 @@ def pump() -> bool:
     return bool(_wanted) or any(p.status == RUNNING for p in _latest.values())
 
 
-def notice(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
+def note_clicks(scene: bpy.types.Scene, photo: bpy.types.PropertyGroup) -> None:
     """Note, while the photo is drawn, when its clicks changed and previews are automatic: one becomes due."""
     if not scene.mgf.auto_preview or not key_of(scene) or not photo.done():
         return

@@ -42,7 +42,7 @@ class OnPhoto(Operator):
         shown = in_editor and photo_of_image(context.scene, space.image) >= 0
         return cls.needs(shown, "Show one of the listed photos in an Image Editor first")
 
-    def _locate(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
+    def locate(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Take photo, pixel and reach from the pointer."""
         space, region = context.space_data, context.region
         width, height = space.image.size
@@ -53,7 +53,7 @@ class OnPhoto(Operator):
         zoom = max(1e-6, space.zoom[0])
         self.reach = 2 * RADIUS * context.preferences.system.ui_scale / zoom
 
-    def _photo(self, context: bpy.types.Context) -> bpy.types.PropertyGroup:
+    def listed_photo(self, context: bpy.types.Context) -> bpy.types.PropertyGroup:
         photos = context.scene.mgf.photos
         if not 0 <= self.photo < len(photos):
             raise UserError("The photo is not in the list any more; choose it again.")
@@ -67,7 +67,7 @@ class DragOnPhoto(OnPhoto):
         if self.gone(context):
             return {"CANCELLED"}
         if event.type == "MOUSEMOVE":
-            self._locate(context, event)
+            self.locate(context, event)
             self.move(context, event)
             redraw_area(context)
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
@@ -120,16 +120,16 @@ class MGF_OT_click(_OnClicks, DragOnPhoto):
     reach: bpy.props.FloatProperty(default=0.0, options={"HIDDEN", "SKIP_SAVE"})
 
     def run(self, context: bpy.types.Context) -> None:
-        photo = self._photo(context)
+        photo = self.listed_photo(context)
         part = BUILDING if self.negative else context.scene.mgf.part.strip().lower() or BUILDING
         add_click(photo, *self.uv, self.negative, part)
         redraw_area(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self._locate(context, event)
+        self.locate(context, event)
         if not self.inside:
             return {"PASS_THROUGH"}
-        photo = self._photo(context)
+        photo = self.listed_photo(context)
         self._at = nearest(photo, *self.uv, self.reach)
         self._moved = self._at >= 0
         if self._moved:
@@ -143,16 +143,16 @@ class MGF_OT_click(_OnClicks, DragOnPhoto):
         return {"RUNNING_MODAL"}
 
     def gone(self, context: bpy.types.Context) -> bool:
-        return self._at >= len(self._photo(context).clicks)
+        return self._at >= len(self.listed_photo(context).clicks)
 
     def move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
-        self._photo(context).clicks[self._at].uv = self.uv
+        self.listed_photo(context).clicks[self._at].uv = self.uv
 
     def drop(self, context: bpy.types.Context) -> None:
-        self.uv = self._photo(context).clicks[self._at].uv
+        self.uv = self.listed_photo(context).clicks[self._at].uv
 
     def put_back(self, context: bpy.types.Context) -> None:
-        clicks = self._photo(context).clicks
+        clicks = self.listed_photo(context).clicks
         if self._moved:
             clicks[self._at].uv, clicks[self._at].proposed = self._before
         else:
@@ -173,11 +173,11 @@ class MGF_OT_remove_click(_OnClicks):
     reach: bpy.props.FloatProperty(default=8.0, options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        self._locate(context, event)
+        self.locate(context, event)
         return self.execute(context)
 
     def run(self, context: bpy.types.Context) -> set[str]:
-        photo = self._photo(context)
+        photo = self.listed_photo(context)
         index = nearest(photo, *self.uv, self.reach)
         if index < 0:
             return {"CANCELLED"}
@@ -230,7 +230,7 @@ class MGF_PointTool(bpy.types.WorkSpaceTool):
         layout.prop(context.scene.mgf, "part")
 
 
-def take_up_again() -> bool:
+def reactivate_tool() -> bool:
     """Activate the tool anew where a loaded file has it active: Blender keeps its name but not its keys.
 
     Returns:
@@ -254,13 +254,13 @@ def take_up_again() -> bool:
 def after_load(*_: object) -> None:
     """Keep the tool of a loaded file as it was (handler); in the window once that has been drawn."""
     if bpy.app.background:
-        take_up_again()
-    elif not bpy.app.timers.is_registered(_once):
-        bpy.app.timers.register(_once, first_interval=0.3)
+        reactivate_tool()
+    elif not bpy.app.timers.is_registered(_reactivate_later):
+        bpy.app.timers.register(_reactivate_later, first_interval=0.3)
 
 
-def _once() -> float | None:
-    return None if take_up_again() else 0.3
+def _reactivate_later() -> float | None:
+    return None if reactivate_tool() else 0.3
 
 
 def redraw_area(context: bpy.types.Context) -> None:
@@ -279,14 +279,14 @@ def register() -> None:
     bpy.utils.register_tool(MGF_PointTool, separator=True)
     bpy.app.handlers.load_post.append(after_load)
     if not bpy.app.background:
-        bpy.app.timers.register(_once, first_interval=0.5)  # Blender may have started with a file
+        bpy.app.timers.register(_reactivate_later, first_interval=0.5)  # Blender may have started with a file
 
 
 def unregister() -> None:
     """Take them away."""
     bpy.app.handlers.load_post.remove(after_load)
-    if bpy.app.timers.is_registered(_once):
-        bpy.app.timers.unregister(_once)
+    if bpy.app.timers.is_registered(_reactivate_later):
+        bpy.app.timers.unregister(_reactivate_later)
     bpy.utils.unregister_tool(MGF_PointTool)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The Scene panel in the sidebar of the 3D viewport."""
 
+from typing import ClassVar
+
 import bpy
 
 from ..common import runner
@@ -63,17 +65,22 @@ def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     draw_engine_missing(layout)
 
 
-class MGF_PT_placement(SidebarPanel, bpy.types.Panel):
-    """Scale and orientation of the imported scene"""
+class _OfImportedScene(SidebarPanel):
+    """Within the Scene panel, closed at first, once a scene is imported."""
 
-    bl_idname = "MGF_PT_placement"
-    bl_label = "Scale and Orientation"
     bl_parent_id = "MGF_PT_scene"
-    bl_options = {"DEFAULT_CLOSED"}
+    bl_options: ClassVar = {"DEFAULT_CLOSED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return Tree.find(context.scene) is not None
+
+
+class MGF_PT_placement(_OfImportedScene, bpy.types.Panel):
+    """Scale and orientation of the imported scene"""
+
+    bl_idname = "MGF_PT_placement"
+    bl_label = "Scale and Orientation"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -81,17 +88,11 @@ class MGF_PT_placement(SidebarPanel, bpy.types.Panel):
         layout.operator_menu_enum("mgf.set_up_axis", "axis", icon="ORIENTATION_GLOBAL")
 
 
-class MGF_PT_source(SidebarPanel, bpy.types.Panel):
+class MGF_PT_source(_OfImportedScene, bpy.types.Panel):
     """Where the scene came from"""
 
     bl_idname = "MGF_PT_source"
     bl_label = "Source"
-    bl_parent_id = "MGF_PT_scene"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return Tree.find(context.scene) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf

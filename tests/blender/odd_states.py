@@ -187,7 +187,7 @@ class Call:
         for job in runner.jobs():
             for text_ in (job.text, *job.warnings):
                 check_sentence(text_)
-        for problem in import_status.problems():
+        for problem in import_status._problems.values():
             check_sentence(problem)
         look()
         return text or "".join(outcome)

@@ -252,7 +252,7 @@ def check() -> None:
         assert not any("mistake" in text for text in (job.text, *job.warnings)), (job.text, job.warnings)
         assert job.live or job.status == DONE, (job.status, job.text)
         assert scene is None or runner.jobs(scene.mgf.key or job.scene_key)
-    assert not any("mistake" in text for text in import_status.problems()), import_status.problems()
+    assert not any("mistake" in text for text in import_status._problems.values()), import_status._problems.values()
 
 
 def check_viewports(scene: bpy.types.Scene, tree: Tree) -> None:

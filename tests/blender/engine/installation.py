@@ -34,5 +34,5 @@ def prefix_of(tmp_path: Path) -> str:
 
 
 def folders(tmp_path: Path) -> list[str]:
-    swap.wait()
+    swap.wait_for_removal()
     return sorted(p.name for p in tmp_path.iterdir() if p.is_dir())

@@ -45,7 +45,7 @@ def test_panels_say_that_the_engine_is_being_installed(addon, tmp_path, monkeypa
     assert "is being installed" in said and "interrupted" not in said and "Checking the engine" in said
     task.cancel()
     task.run()
-    swap.wait()
+    swap.wait_for_removal()
     layout = Recorder()
     assert draw_engine_missing(layout)
     assert "is not installed" in " ".join(text for text, _ in layout.texts)
@@ -70,7 +70,7 @@ def test_the_engine_is_not_replaced_under_a_running_job(addon, tmp_path, monkeyp
     assert job.live and not bpy.ops.mgf.install_engine.poll() and not bpy.ops.mgf.remove_engine.poll()
     job.status = "DONE"
     shortened(tmp_path, "0").run()
-    swap.wait()
+    swap.wait_for_removal()
     bpy.ops.mgf.remove_engine()
     assert folders(tmp_path) == []
 

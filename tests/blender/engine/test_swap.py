@@ -53,9 +53,9 @@ def test_blender_ended_in_the_middle_of_an_installation(tmp_path, monkeypatch):
         environment.engine_python()
     task.cancel()
     task.run()
-    swap.wait()
+    swap.wait_for_removal()
     assert shortened(tmp_path, "0").run() == DONE
-    swap.wait()
+    swap.wait_for_removal()
     target.rename(tmp_path / "environment-old")  # the new one was about to come here
     assert environment.engine_python() == environment.python_of(target)
 

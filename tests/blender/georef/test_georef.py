@@ -66,11 +66,16 @@ def test_steps_lead_to_the_next_photo_and_round(name, step, to):
 
 def test_rmse_is_of_the_points_that_count():
     nowhere = (math.nan,) * 3
-    rows = [
-        files.Row("P1", "control", (0.03, 0.0, 0.04), 1.0, ""), files.Row("P2", "control", (0.0, 0.0, 0.0), 1.0, ""),
-        files.Row("P3", "control", (1.0, 1.0, 1.0), 9.0, "wrong"), files.Row("P4", "check", nowhere, math.nan, ""),
-    ]  # fmt: skip
-    assert files.rmse(rows, "control") == pytest.approx(0.05 / math.sqrt(2)) and files.rmse(rows, "check") is None
+    residuals = [
+        files.PointResiduals("P1", "control", (0.03, 0.0, 0.04), 1.0, ""),
+        files.PointResiduals("P2", "control", (0.0, 0.0, 0.0), 1.0, ""),
+        files.PointResiduals("P3", "control", (1.0, 1.0, 1.0), 9.0, "wrong"),
+        files.PointResiduals("P4", "check", nowhere, math.nan, ""),
+    ]
+    assert (
+        files.rmse(residuals, "control") == pytest.approx(0.05 / math.sqrt(2))
+        and files.rmse(residuals, "check") is None
+    )
 
 
 def test_points_are_read_by_the_engine_and_listed(finished, house):
@@ -289,7 +294,7 @@ def test_cameras_without_photo_names_are_passed_over(finished):
 def test_damaged_files_of_the_engine_show_nothing(finished, house, text):
     files.places_path(house.job).write_text(text)
     (house.job / "report.json").write_text(text)
-    assert files.read_places(house.job) == {} and files.read_rows(house.job) == []
+    assert files.read_known_points(house.job) == {} and files.read_residuals(house.job) == []
     draw(MGF_PT_georef)
 
 
@@ -309,15 +314,15 @@ def test_sentences_of_the_engine_speak_of_the_panel():
     ],
 )
 def test_the_magnifier_stands_beside_the_pointer_and_within_the_editor(pointer, area, where):
-    x, y, side = magnifier.lens(pointer, area, 1.0)
+    x, y, side = magnifier.place_magnifier(pointer, area, 1.0)
     assert (x, y) == where and side == magnifier.SIDE
     assert not (x <= pointer[0] <= x + side and y <= pointer[1] <= y + side)
-    doubled = magnifier.lens(tuple(2 * v for v in pointer), tuple(2 * v for v in area), 2.0)
+    doubled = magnifier.place_magnifier(tuple(2 * v for v in pointer), tuple(2 * v for v in area), 2.0)
     assert doubled == (2 * x, 2 * y, 2 * side)
 
 
 def test_a_small_editor_keeps_the_magnifier_inside():
-    x, y, _ = magnifier.lens((60, 60), (150, 120), 1.0)
+    x, y, _ = magnifier.place_magnifier((60, 60), (150, 120), 1.0)
     assert x > 0 and y > 0
 
 
@@ -325,7 +330,7 @@ def test_a_small_editor_keeps_the_magnifier_inside():
 def test_the_magnifier_shows_half_a_pixel_around_the_exact_place(zoom):
     more = magnifier.magnification(zoom, 1.0)
     assert more >= 8.0 and more >= 4 * zoom  # half a pixel of the photo is four of the screen
-    left, top, right, bottom = magnifier.shown((20.25, 30.75), magnifier.SIDE, more)
+    left, top, right, bottom = magnifier.visible_part((20.25, 30.75), magnifier.SIDE, more)
     assert ((left + right) / 2, (top + bottom) / 2) == (20.25, 30.75)
     assert (right - left, bottom - top) == pytest.approx((magnifier.SIDE / more,) * 2)
 
@@ -351,7 +356,7 @@ def test_the_magnifier_is_there_where_a_click_marks_and_nowhere_else(finished):
     def wanted(tool: str) -> bool:
         tools = SimpleNamespace(from_space_image_mode=lambda mode: SimpleNamespace(idname=tool))
         workspace = SimpleNamespace(tools=tools)
-        return magnifier.wanted(SimpleNamespace(space_data=space, scene=bpy.context.scene, workspace=workspace))
+        return magnifier.marks_on_click(SimpleNamespace(space_data=space, scene=bpy.context.scene, workspace=workspace))
 
     assert wanted("mgf.point_tool") and not wanted("builtin.annotate")
     finished.georef.marking = False

@@ -75,24 +75,28 @@ def test_the_newest_request_wins(state, engine):
     second = preview.start(bpy.context.scene, state.photos[1])
     assert first.process.wait(5)
     pump(lambda: second.status == preview.DONE)
-    assert preview.of(bpy.context.scene, state.photos[0].name) is None
+    assert preview.newest(bpy.context.scene, state.photos[0].name) is None
 
 
 def test_automatic_previews_follow_the_clicks(state):
     scene, photo = bpy.context.scene, state.photos[0]
-    preview.notice(scene, photo)
+    preview.note_clicks(scene, photo)
     assert not preview.pump()  # switched off
     assert not state.key
     state.auto_preview = True
-    preview.notice(scene, photo)
-    pump(lambda: preview.of(scene, photo.name) is not None and preview.of(scene, photo.name).status == preview.DONE)
-    first = preview.of(scene, photo.name)
-    preview.notice(scene, photo)
+    preview.note_clicks(scene, photo)
+    pump(
+        lambda: (
+            preview.newest(scene, photo.name) is not None and preview.newest(scene, photo.name).status == preview.DONE
+        )
+    )
+    first = preview.newest(scene, photo.name)
+    preview.note_clicks(scene, photo)
     assert not preview.pump()  # nothing changed
     photo.clicks[0].uv = (50, 60)
-    preview.notice(scene, photo)
-    pump(lambda: preview.of(scene, photo.name) is not first and not preview.pump())
-    assert preview.of(scene, photo.name).clicks == preview.signature(photo) != first.clicks
+    preview.note_clicks(scene, photo)
+    pump(lambda: preview.newest(scene, photo.name) is not first and not preview.pump())
+    assert preview.newest(scene, photo.name).clicks == preview.signature(photo) != first.clicks
 
 
 def test_what_is_wrong_is_one_sentence(state, engine, monkeypatch, tmp_path):
@@ -119,7 +123,7 @@ def test_disabling_ends_it(state, engine):
     engine("slow")
     found = preview.start(bpy.context.scene, state.photos[0])
     preview.unregister()
-    assert found.process.wait(5) and preview.of(bpy.context.scene, state.photos[0].name) is None
+    assert found.process.wait(5) and preview.newest(bpy.context.scene, state.photos[0].name) is None
 
 
 def test_a_preview_goes_with_the_last_of_its_clicks(state, tmp_path):
@@ -181,13 +185,13 @@ def test_an_old_preview_never_wins_over_the_mask_of_all_photos(state, tmp_path):
     files.add_click(photo, 60, 60, False, "building")
     assert overlay.newest_mask(scene, photo) == of_all  # the preview there is, is of other clicks
     bpy.ops.mgf.preview_mask()
-    found = preview.of(scene, photo.name)
+    found = preview.newest(scene, photo.name)
     assert overlay.newest_mask(scene, photo) == (found.mask, True)
     files.add_click(photo, 70, 60, False, "building")
     preview.start(scene, photo)
     assert overlay.newest_mask(scene, photo) == (found.mask, True)  # until the next one is there
     pump(lambda: not preview.under_way(scene, photo.name))
-    assert overlay.newest_mask(scene, photo)[0] == preview.of(scene, photo.name).mask != found.mask
+    assert overlay.newest_mask(scene, photo)[0] == preview.newest(scene, photo.name).mask != found.mask
     for _ in range(2):
         photo.clicks.remove(len(photo.clicks) - 1)
     assert overlay.newest_mask(scene, photo) == of_all
