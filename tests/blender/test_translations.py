@@ -154,7 +154,7 @@ def test_why_a_mask_is_left_out_and_a_preview_failed_is_said_in_german(german, h
     assert "andere Fotos widersprechen 31% ihrer Punkte" in draw(MGF_PT_masks).said
     said = "The photo '/a.jpg' does not exist; replace the file or export the photo again."
     failed = SimpleNamespace(status=preview.FAILED, text=said)
-    monkeypatch.setattr(preview, "of", lambda scene, name: failed)
+    monkeypatch.setattr(preview, "newest", lambda scene, name: failed)
     assert photo.name and "Das Foto „/a.jpg“ gibt es nicht" in draw(MGF_PT_prompts).said
 
 
