@@ -56,6 +56,10 @@ WARNINGS = (
         "export the photos again, and run again."
     ),
     N_(
+        "{found} of {count} photos could be registered at first; structure from motion runs again with "
+        "affine-covariant features, which match photos taken farther apart."
+    ),
+    N_(
         "{lost} of {count} photos could not be registered and are left out; photos taken closer together, with more "
         "overlap, would help."
     ),

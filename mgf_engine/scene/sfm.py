@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Structure from motion for photos without a COLMAP model, by pycolmap on the CPU.
 
-Features and matches live in a database in the job's ``scene/sfm`` folder; after an interruption COLMAP takes up what
-the database already holds. A finished model is used again. The work itself is done by :mod:`sfm_worker` in another
-process. Progress is counted in its database, which must not happen inside the worker: Python's SQLite and COLMAP's
-would undo each other's file locks.
+Features and matches of each attempt live in a database in the job's ``scene/sfm`` folder; after an interruption COLMAP
+takes up what the databases already hold. A finished model is used again. The work itself is done by :mod:`sfm_worker`
+in another process. Progress is counted in its database, which must not happen inside the worker: Python's SQLite and
+COLMAP's would undo each other's file locks.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,12 +29,14 @@ from mgf_engine.messages import Reporter, log
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.options.config import job_option
 from mgf_engine.scene.colmap import MIN_SFM_PHOTOS, too_few_photos
-from mgf_engine.scene.sfm_worker import DATABASE, MODEL, NO_MODEL, TASK
+from mgf_engine.scene.sfm_worker import AFFINE, DATABASE, MODEL, NO_MODEL, PLAIN, TASK
 from mgf_engine.system.subprocesses import ended, worker
 
 _ADVICE = "take more photos with at least 60 % overlap, or give a COLMAP model"
-#: Share of the whole that is done when the features, the matches are there.
+#: Share of an attempt that is done when the features, the matches are there.
 _FEATURES_END, _MATCHES_END = 0.25, 0.6
+#: Share of the whole that is done when the first attempt, which is nearly always the only one, ends.
+_FIRST_END = 0.8
 
 Share = Callable[[float], float]
 
@@ -49,6 +52,9 @@ class SfmOptions:
     )
     neighbours: int = parameter(10, "Number of following photos that each photo is matched with, if not all", low=1)
     similar: int = parameter(10, "Number of most similar photos that each photo is matched with, if not all")
+    retry_below: float = parameter(
+        0.95, "Share of registered photos below which affine-covariant features are tried as well", high=1
+    )
     matching: str = job_option("matching")
     seed: int = job_option("seed")
     threads: int = job_option("threads")
@@ -85,7 +91,7 @@ def run_sfm(
         "root": str(root), "names": names, "sizes": sizes, "one_camera": len({(w, h) for w, h, *_ in sizes}) == 1,
         "exhaustive": options.exhaustive(len(names)), "seed": options.seed, "threads": options.threads or -1,
         "longest_side": options.longest_side, "features": options.features, "neighbours": options.neighbours,
-        "similar": options.similar,
+        "similar": options.similar, "retry_below": options.retry_below,
     }  # fmt: skip
     _prepare_folder(folder, task)
     if not (folder / MODEL / "points3D.bin").exists():
@@ -103,6 +109,8 @@ class _Worker:
     def __init__(self, folder: Path, photos: int, reporter: Reporter, share: Share) -> None:
         self.folder, self.photos, self.reporter, self.share = folder, photos, reporter, share
         self.step, self.pairs, self.placed = "", 1, 0
+        self.attempt, self.begun = PLAIN, 0.0
+        self.registered: int | None = None  # photos of the first attempt, until that was said
 
     def run(self) -> int:
         """Start the worker and wait for its end; returns its exit code."""
@@ -130,17 +138,37 @@ class _Worker:
         return process.returncode
 
     def _follow(self, stream: IO[bytes]) -> None:
-        """Read the worker's lines: ``camera`` for each camera placed, else the name of a step."""
+        """Read the worker's lines: ``camera`` for each camera placed, ``again`` for the second attempt, else the name
+        of a step."""
         for line in stream:
             word, *rest = line.decode("ascii", "replace").split()
             if word == "camera":
                 self.placed += 1
+            elif word == "again":
+                self.registered, self.begun = int(rest[0]), time.monotonic()
+                self.attempt, self.step, self.placed = AFFINE, "", 0
             else:
                 self.step, self.pairs = word, max(1, int(rest[0])) if rest else self.pairs
 
     def _report(self) -> None:
-        """Report the share of the work that is done, by the rows of the database and the cameras placed so far."""
-        done = {
+        """Report the share of the work that is done, and that a second attempt begins."""
+        if self.registered is not None:
+            self.reporter.warning(
+                f"{self.registered} of {self.photos} photos could be registered at first; structure from motion runs "
+                "again with affine-covariant features, which match photos taken farther apart."
+            )
+            self.registered = None
+        done, doing, left = self._share_done(), self.step or "starting", None
+        if self.attempt == PLAIN:
+            whole = _FIRST_END * done
+        else:  # the time left follows from this attempt alone
+            whole, doing = _FIRST_END + (1.0 - _FIRST_END) * done, f"{doing}, second attempt"
+            left = (time.monotonic() - self.begun) * (1.0 - done) / done if done > 0.0 else None
+        self.reporter.progress(self.share(whole), left, doing=doing)
+
+    def _share_done(self) -> float:
+        """Return the share of the attempt that is done, by the rows of the database and the cameras placed so far."""
+        return {
             "features": lambda: _FEATURES_END * min(1.0, self._rows("keypoints") / self.photos),
             "pairs": lambda: (
                 _FEATURES_END
@@ -148,12 +176,11 @@ class _Worker:
             ),
             "cameras": lambda: _MATCHES_END + (1.0 - _MATCHES_END) * min(1.0, self.placed / self.photos),
         }.get(self.step, lambda: 0.0)()
-        self.reporter.progress(self.share(done), None, doing=self.step or "starting")
 
     def _rows(self, table: str) -> int:
         """Return the rows of a table in the database that the worker is writing; 0 while it cannot be read."""
         try:
-            path = quote(str(self.folder / DATABASE))
+            path = quote(str(self.folder / self.attempt / DATABASE))
             connection = sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=0.1)
             try:
                 return int(connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()[0])

@@ -2,9 +2,16 @@
 """Structure from motion in a process of its own: ``python -m mgf_engine.scene.sfm_worker FOLDER``.
 
 A crash inside COLMAP ends this process and not the job, cancelling is ending it, and its memory goes with it. It says
-on stdout which step it is at (``features``, ``pairs COUNT``, ``camera`` per placed photo) and ends when its stdin
-closes, so that it never outlives the job. While pairs are matched the database calls photos by number, because
-COLMAP's list of pairs cannot hold names with spaces; the model gets the real names back.
+on stdout which step it is at (``features``, ``pairs COUNT``, ``camera`` per placed photo, ``again COUNT`` before the
+second attempt, with the photos that the first one placed) and ends when its stdin closes, so that it never outlives the
+job. While pairs are matched the database calls photos by number, because COLMAP's list of pairs cannot hold names with
+spaces; the model gets the real names back.
+
+The first attempt has plain SIFT features. They change with the angle that a surface is seen at, and around the corners
+of a building too few match: the mapper then makes several small models. The second attempt, for photos that the first
+one cannot place, has features whose shape is adapted to the surface (affine-covariant, Mikolajczyk and Schmid 2004) and
+whose descriptors are pooled over its sizes (Dong and Soatto 2015); they take longer to find. COLMAP's thresholds stay
+as they are: with lower ones photos are placed wrongly.
 """
 
 from __future__ import annotations
@@ -24,6 +31,8 @@ from mgf_engine.scene.pairs import choose_pairs
 from mgf_engine.system.subprocesses import end_with_the_job
 
 TASK, NAMES, DATABASE, MODEL = "task.json", "names.json", "database.db", "model"
+#: Folders of the attempts.
+PLAIN, AFFINE = "sift", "affine"
 #: Exit code when the photos give no model.
 NO_MODEL = 3
 
@@ -33,32 +42,54 @@ def main(folder: Path) -> int:
     task: dict[str, Any] = json.loads((folder / TASK).read_text(encoding="utf-8"))
     pycolmap.logging.minloglevel = 2
     pycolmap.set_random_seed(task["seed"])
+    best, photos = _attempt(folder / PLAIN, task, affine=False)
+    placed = best.num_reg_images() if best else 0
+    if placed < task["retry_below"] * photos:
+        _say(f"again {placed}")
+        second, _ = _attempt(folder / AFFINE, task, affine=True)
+        best = second if second and second.num_reg_images() > placed else best
+    if best is None:
+        return NO_MODEL
+    best.extract_colors_for_all_images(task["root"])
+    _write(best, folder / MODEL)
+    return 0
+
+
+def _attempt(folder: Path, task: dict[str, Any], affine: bool) -> tuple[pycolmap.Reconstruction | None, int]:
+    """Return the model with the most photos and the number of photos that could be read; go on with what is there."""
+    folder.mkdir(exist_ok=True)
     if not (folder / NAMES).exists():
         _say("features")
-        _extract(folder, task)
+        _extract(folder, task, affine)
     names = {int(key): name for key, name in json.loads((folder / NAMES).read_text(encoding="utf-8")).items()}
+    if (folder / MODEL).exists():
+        return pycolmap.Reconstruction(folder / MODEL), len(names)
     _match(folder, task, names)
     _say("cameras")
     models = _map(folder, task)
     best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
     if best is None or best.num_reg_images() < MIN_SFM_PHOTOS:
-        return NO_MODEL
+        return None, len(names)
     for image_id, image in best.images.items():
         image.name = names[image_id]
-    best.extract_colors_for_all_images(task["root"])
-    partial = folder / (MODEL + ".part")
+    _write(best, folder / MODEL)
+    return best, len(names)
+
+
+def _write(model: pycolmap.Reconstruction, target: Path) -> None:
+    partial = target.with_name(MODEL + ".part")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
-    best.write_binary(partial)
-    put_in_place(partial, folder / MODEL)
-    return 0
+    model.write_binary(partial)
+    put_in_place(partial, target)
 
 
-def _extract(folder: Path, task: dict[str, Any]) -> None:
+def _extract(folder: Path, task: dict[str, Any], affine: bool) -> None:
     """Extract SIFT features of every photo; the photos' names by image id are kept when all are done."""
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size, options.use_gpu, options.num_threads = task["longest_side"], False, task["threads"]
     options.sift.max_num_features = task["features"]
+    options.sift.estimate_affine_shape = options.sift.domain_size_pooling = affine
     mode = pycolmap.CameraMode.SINGLE if task["one_camera"] else pycolmap.CameraMode.AUTO
     pycolmap.extract_features(
         folder / DATABASE, task["root"], image_names=task["names"], camera_mode=mode, extraction_options=options,

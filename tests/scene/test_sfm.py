@@ -81,6 +81,58 @@ def test_cameras_are_found(photos: Path, tmp_path: Path) -> None:
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
 
 
+@pytest.fixture(scope="module")
+def far_apart(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three photos 34 degrees apart, between which too few plain SIFT features match."""
+    folder = tmp_path_factory.mktemp("far apart")
+    for i, angle in enumerate((0.2, 0.785, 1.37)):
+        write_photo(folder / f"{i}.png", corner_photo(angle))
+    return folder
+
+
+def test_a_second_attempt_matches_photos_taken_far_apart(far_apart: Path, tmp_path: Path) -> None:
+    messages = Messages()
+    messages.reporter._min_interval = 0.0
+    scene = load(far_apart, tmp_path / "job", messages)
+    assert len(scene.views) == 3 and np.median(reprojection(scene)) < 0.5
+    said = "0 of 3 photos could be registered at first; structure from motion runs again with affine-covariant features"
+    assert len([text for text in messages.warnings if text.startswith(said)]) == 1
+    assert "features, second attempt" in {_step(m) for m in messages.sent}
+    fractions = [m["fraction"] for m in messages.sent if m["type"] == "progress"]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+
+def test_the_second_attempt_can_be_turned_off(far_apart: Path, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="No cameras could be found from the 3 photos"):
+        load(far_apart, tmp_path / "job", **{"structure_from_motion.retry_below": 0.0})
+
+
+def test_an_interrupted_second_attempt_is_taken_up(far_apart: Path, tmp_path: Path) -> None:
+    messages = Messages()
+    messages.reporter._min_interval = 0.0
+    messages.reporter.sinks.append(lambda m: messages.reporter.cancel() if "second" in _step(m) else None)
+    with pytest.raises(Cancelled):
+        load(far_apart, tmp_path / "job", messages)
+    again = Messages()
+    again.reporter._min_interval = 0.0
+    assert len(load(far_apart, tmp_path / "job", again).views) == 3
+    assert "features" not in {_step(m) for m in again.sent}  # those of the first attempt
+
+
+def test_the_first_attempt_is_kept_where_the_second_places_no_more(photos: Path, tmp_path: Path) -> None:
+    shutil.copytree(photos, tmp_path / "photos")
+    write_photo(tmp_path / "photos" / "fog.png", np.full((SIZE[1], SIZE[0], 3), 128, np.uint8))
+    messages = Messages()
+    scene = load(tmp_path / "photos", tmp_path / "job", messages)
+    assert len(scene.views) == VIEWS and scene.left_out == ("fog.png",)
+    sfm_folder = tmp_path / "job" / "scene" / "sfm"
+    kept, first, second = (
+        pycolmap.Reconstruction(sfm_folder / part) for part in ("model", "sift/model", "affine/model")
+    )
+    assert first.num_reg_images() == second.num_reg_images() == VIEWS
+    assert kept.num_points3D() == first.num_points3D() != second.num_points3D()
+
+
 def test_a_finished_model_is_used_again(
     photos: Path, solved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,8 +174,7 @@ def test_the_worker_ends_with_the_job(photos: Path, solved: Path, tmp_path: Path
     """When the job is killed, the pipe to the worker closes and the worker ends too."""
     shutil.copytree(solved / "scene" / "sfm", tmp_path / "sfm")
     shutil.rmtree(tmp_path / "sfm" / "model")
-    (tmp_path / "sfm" / "database.db").unlink()
-    (tmp_path / "sfm" / "names.json").unlink()
+    shutil.rmtree(tmp_path / "sfm" / "sift")
     command = [sys.executable, "-m", "mgf_engine.scene.sfm_worker", str(tmp_path / "sfm")]
     worker = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert worker.stdout is not None and worker.stdout.readline() == b"features\n"
