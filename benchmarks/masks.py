@@ -6,7 +6,6 @@ Only the scene and masks stages run. One row per scene and kind of clicks, as ta
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import time
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from benchmarks.arguments import results_folder
 from benchmarks.clicks import VARIANTS, make_clicks
 from benchmarks.mask_scores import PhotoScore, score_photo
+from mgf_engine.cli.arguments import Parser
 from mgf_engine.errors import EXIT_DONE, BadInput
 from mgf_engine.files.atomic import write_json
 from mgf_engine.masks.build import build_masks
@@ -64,8 +64,8 @@ def masks_main(argv: Sequence[str]) -> int:
     return EXIT_DONE
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="mgf bench masks", description="Measure masks on scenes with true masks.")
+def _parser() -> Parser:
+    parser = Parser(prog="mgf bench masks", description="Measure masks on scenes with true masks.")
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of results")
     parser.add_argument("--scenes", nargs="+", default=[], help=f"names or folders (default: {' '.join(SCENES)})")
     parser.add_argument(

@@ -21,6 +21,7 @@ from benchmarks.catalogue import SCENES, scene_spec
 from benchmarks.measure import SAMPLES, SCORED, Prepared, measure, prepare_scene
 from benchmarks.suites import PRINTED, SUITES, Run, SuiteSettings, half_of, suite_runs
 from mgf_engine import __version__
+from mgf_engine.cli.arguments import Parser
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.files.atomic import write_json
 from mgf_engine.options.config import make_config
@@ -49,9 +50,9 @@ def bench_main(argv: Sequence[str] | None = None) -> int:
         return EXIT_BAD_INPUT
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     lines = "\n".join(f"  {name:<13} {text}" for name, text in SUITES.items())
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mgf bench",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Measure the engine on scenes with known truth.",

@@ -10,7 +10,6 @@ material of each face (with ``--pixels`` also depth, normal and material per pix
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
@@ -35,6 +34,7 @@ from benchmarks.prompts import click_prompts
 from benchmarks.shapes import Part
 from benchmarks.surroundings import surroundings
 from benchmarks.truth import MATERIALS, write_pixels, write_truth
+from mgf_engine.cli.arguments import Parser
 from mgf_engine.errors import BadInput
 from mgf_engine.files.atomic import write_json
 from mgf_engine.model.masks import BACKGROUND, BUILDING, FIRST_ELEMENT, IGNORE
@@ -262,9 +262,7 @@ def _poses(shots: list[Shot]) -> NDArray[np.float64]:
 
 def scenes_main(argv: Sequence[str] | None = None) -> int:
     """Run ``mgf bench scenes NAME``: make a scene and print its folder."""
-    parser = argparse.ArgumentParser(
-        prog="mgf bench scenes", description="Render a synthetic building scene with known truth."
-    )
+    parser = Parser(prog="mgf bench scenes", description="Render a synthetic building scene with known truth.")
     parser.add_argument("name", choices=sorted(SCENES), help="which scene")
     parser.add_argument("--photos", type=int, help="number of photos")
     parser.add_argument("--resolution", type=int, help="width of the photos in pixels")

@@ -27,6 +27,7 @@ from benchmarks.perturb import PERTURBATIONS, RECORD, Perturbation, perturb
 from benchmarks.scene_series import SERIES, Series
 from benchmarks.scenes import make_scene
 from benchmarks.suites import Options, Run
+from mgf_engine.cli.arguments import Parser
 from mgf_engine.errors import EXIT_BAD_INPUT, EXIT_DONE, EXIT_FAULT, BadInput
 from mgf_engine.files.atomic import write_json
 from mgf_engine.options.user_input import option_pairs
@@ -72,10 +73,10 @@ def stability_main(argv: Sequence[str]) -> int:
     return EXIT_FAULT if faults else EXIT_DONE
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     names = "\n".join(f"  {name:<16} {p.title}: {', '.join(f'{v:g}' for v in p.levels)} {p.unit}"
                       for name, p in ROWS.items())  # fmt: skip
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="mgf bench stability", formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Where the method breaks: F1 and PSNR as one thing gets worse.", epilog=f"perturbations:\n{names}",
     )  # fmt: skip

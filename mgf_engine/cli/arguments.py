@@ -61,6 +61,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         for kind, wanted in (("int", "a whole number"), ("float", "a number")):  # argparse names Python's types
             message = message.replace(f": invalid {kind} value: ", f" takes {wanted}, not ", 1)
+        message = message.replace(": takes ", " takes ", 1)  # what types say of texts that they refuse
         self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; '{self.prog} --help' lists all.\n")
 
 

@@ -87,11 +87,8 @@ def _solid(work: Work) -> None:
     with work.cost.of("solid"):
         try:
             solid = build_solid(work.survey, work.wanted.detail, work.config.algorithm(SolidOptions))
-        except NoSolid as reason:
-            work.reporter.warning(
-                f"There is no solid of this building ({reason}); take photos from all sides, or give a larger --detail."
-                " A house in a row gets one from 'mgf town', whose map tells which walls stand against neighbours."
-            )
+        except NoSolid as error:
+            work.reporter.warning(f"There is no solid of this building ({error}); {error.cure}.")
             return
         if solid.level == 1:
             work.reporter.warning(

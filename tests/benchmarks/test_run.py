@@ -320,3 +320,22 @@ def test_steelwork_is_scored_with_the_rest_and_left_out(scene: Path, tmp_path: P
     (table,) = summary_tables([row])
     assert "F1 without steelwork 5 cm" in table["columns"]
     assert len(table["columns"]) == len(table["lines"][0])
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["smoke", "--bad"], "Error: Unrecognized arguments: --bad; 'mgf bench --help' lists all.\n"),
+        (["masks", "--bad"], "Error: Unrecognized arguments: --bad; 'mgf bench masks --help' lists all.\n"),
+        (["scenes", "smoke", "--bad"], "Error: Unrecognized arguments: --bad; 'mgf bench scenes --help' lists all.\n"),
+        (["stability", "--bad"], "Error: Unrecognized arguments: --bad; 'mgf bench stability --help' lists all.\n"),
+        (
+            ["peers", "--seeds", "x"],
+            "Error: Argument --seeds takes a whole number from 1, not 'x'; 'mgf bench --help' lists all.\n",
+        ),
+    ],
+)
+def test_a_wrong_argument_is_one_sentence(args: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        bench_main(args)
+    assert ended.value.code == 2 and capsys.readouterr().err == said

@@ -251,5 +251,13 @@ def test_a_job_that_encloses_nothing_says_so(job: FinishedJob, tmp_path: Path) -
     told: list[str] = []
     reporter = Reporter(lambda message: told.append(message.get("text", "")))
     folder = make_models(copy, tmp_path / "out", ModelOptions(("solid",)), reporter)
-    assert any(text.startswith("There is no solid of this building") for text in told)
+    assert "There is no solid of this building (it has no volume); take photos from all sides." in told
     assert [path.name for path in folder.iterdir()] == ["models.json"]
+
+
+def test_a_detail_larger_than_the_building_is_to_be_smaller(job: FinishedJob, tmp_path: Path) -> None:
+    told: list[str] = []
+    reporter = Reporter(lambda message: told.append(message.get("text", "")))
+    make_models(job.folder, tmp_path / "out", ModelOptions(("solid",), detail=50.0), reporter)
+    said = "(the mesh covers no ground); give a --detail below 5000, or take photos from all sides."
+    assert f"There is no solid of this building {said}" in told

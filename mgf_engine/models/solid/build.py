@@ -46,8 +46,20 @@ class SolidOptions:
     party_walls: PartyWallOptions = PartyWallOptions()
 
 
+#: What helps where the mesh shows too little.
+_MORE_PHOTOS = "take photos from all sides"
+
+
 class NoSolid(Exception):
-    """The mesh does not enclose a building; the message says why."""
+    """The mesh does not enclose a building; the message says why.
+
+    Attributes:
+        cure: what to do, in the imperative.
+    """
+
+    def __init__(self, reason: str, cure: str) -> None:
+        super().__init__(reason)
+        self.cure = cure
 
 
 def build_solid(
@@ -74,7 +86,8 @@ def build_solid(
         taken = find_party_walls(survey, wall_lines(survey, fine, options.evidence), fine, options.party_walls)
     evidence = gather_solid_evidence(survey, detail, options.evidence, taken)
     if evidence.inside.sum() * evidence.grid.resolution**2 < 4 * evidence.detail**2:
-        raise NoSolid("the mesh covers no ground")
+        cure = _MORE_PHOTOS if detail is None else f"give a --detail below {100 * detail:.6g}, or {_MORE_PHOTOS}"
+        raise NoSolid("the mesh covers no ground", cure)
     level = 2 if evidence.roof_seen >= options.roof_seen else 1
     for _ in range(options.trials):
         solid = _make(evidence, level, options)
@@ -87,7 +100,8 @@ def build_solid(
         faults = faults_of(solid, 0.1 * evidence.detail)
         if not faults:
             return _checked(_measured(solid, survey, evidence, 1, options, taken), options)
-    raise NoSolid(faults[0])
+    coarser = f", or give a --detail above {100 * evidence.detail:.3g}" if solid.faces else ""  # of nothing: nothing
+    raise NoSolid(faults[0], _MORE_PHOTOS + coarser)
 
 
 def _make(evidence: SolidEvidence, level: int, options: SolidOptions) -> Solid:
@@ -142,7 +156,11 @@ def _checked(solid: Solid, options: SolidOptions) -> Solid:
     """
     if solid.unseen.get(WALL, 1.0) > options.unseen_walls:
         free = "its walls" if solid.party == 0 else f"its walls beside the {solid.party:.0%} against neighbours"
-        raise NoSolid(f"the mesh has {1 - solid.unseen.get(WALL, 1.0):.0%} of {free}")
+        raise NoSolid(
+            f"the mesh has {1 - solid.unseen.get(WALL, 1.0):.0%} of {free}",
+            f"{_MORE_PHOTOS}; a house in a row gets one from 'mgf town', whose map tells which walls stand against "
+            "neighbours",
+        )
     return solid
 
 
