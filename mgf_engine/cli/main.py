@@ -15,8 +15,9 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
+from importlib.machinery import ExtensionFileLoader
 from pathlib import Path
-from types import FrameType
+from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 from mgf_engine.cli.arguments import parse_arguments
@@ -45,41 +46,67 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     prepare_streams()
-    with _noting_ctrl_c() as noted:
-        try:
+    noted: list[int] = []
+    try:
+        with _noting_ctrl_c(noted):
             code = _run(args)
-            sys.stdout.flush()
-            return code
-        except BrokenPipeError:  # the reader of the pipe has closed it, as `head` does
-            drop_output()
-            return EXIT_DONE
-        except (Exception, KeyboardInterrupt) as error:
-            code, text = explain(KeyboardInterrupt() if noted else error, resumable=False)
-            if code == EXIT_FAULT:
-                traceback.print_exception(error)
-            print(text if code == EXIT_CANCELLED else f"Error: {text}", file=sys.stderr)
-            return code
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # the reader of the pipe has closed it, as `head` does
+        drop_output()
+        return EXIT_DONE
+    except (Exception, KeyboardInterrupt) as error:
+        code, text = explain(KeyboardInterrupt() if noted else error, resumable=False)
+        if code == EXIT_FAULT:
+            traceback.print_exception(error)
+        print(text if code == EXIT_CANCELLED else f"Error: {text}", file=sys.stderr)
+        return code
+
+
+class _NoMoreModules:
+    """A finder that raises Ctrl-C again for every module that is still to be loaded."""
+
+    def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> None:
+        if not _loads_an_extension(sys._getframe()):
+            raise KeyboardInterrupt
+
+
+def _loads_an_extension(frame: FrameType | None) -> bool:
+    """Tell whether a module in C or C++ is being loaded: an exception may abort the process there."""
+    while frame is not None:
+        if isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
+            return True
+        frame = frame.f_back
+    return False
 
 
 @contextlib.contextmanager
-def _noting_ctrl_c() -> Iterator[list[int]]:
-    """Note each Ctrl-C beside the exception that it raises: modules in C++ that are being loaded make another one of it
-    ("ImportError: std::bad_cast" with pybind11)."""
-    noted: list[int] = []
+def _noting_ctrl_c(noted: list[int]) -> Iterator[None]:
+    """Note each Ctrl-C beside the exception that it raises, and let no further module be loaded.
+
+    The exception alone may be lost: trimesh goes on without whatever it was loading (``except BaseException``). Modules
+    in C++ make another one of it ("ImportError: std::bad_cast" with pybind11) or abort, so that it waits for their end.
+    """
+    finder = _NoMoreModules()
 
     def note(number: int, frame: FrameType | None) -> None:
         noted.append(number)
-        signal.default_int_handler(number, frame)
+        if finder not in sys.meta_path:
+            sys.meta_path.insert(0, finder)
+        if not _loads_an_extension(frame):
+            signal.default_int_handler(number, frame)
 
     ours = threading.current_thread() is threading.main_thread()
     ours = ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if ours:
         signal.signal(signal.SIGINT, note)
     try:
-        yield noted
+        yield
     finally:
         if ours:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+        if finder in sys.meta_path:
+            sys.meta_path.remove(finder)
 
 
 def _run(args: list[str]) -> int:

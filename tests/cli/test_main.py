@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The command line as people and scripts meet it: exit codes, one sentence, nothing half written."""
 
+import contextlib
 import errno
+import importlib.util
 import json
 import os
 import signal
 import subprocess
 import sys
+from importlib.machinery import ExtensionFileLoader, ModuleSpec
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -132,6 +136,49 @@ def test_ctrl_c_while_a_module_is_being_loaded_cancels(
     finally:
         signal.signal(signal.SIGINT, before)
     assert capsys.readouterr().err == "Cancelled; run again to continue.\n"
+
+
+class _Extension(ExtensionFileLoader):
+    """What loads a module in C++, during which Ctrl-C comes."""
+
+    loaded = False
+
+    def create_module(self, spec: ModuleSpec) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    def exec_module(self, module: ModuleType) -> None:
+        self.loaded = True
+
+
+@pytest.mark.parametrize("where", ["swallowed", "extension"])
+def test_ctrl_c_cancels_at_the_next_module(
+    where: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """trimesh loads what it can do without in ``try: … except BaseException``: the command went on to its end. An
+    exception while a module in C++ is being loaded aborted the process."""
+    (tmp_path / "loaded_after_ctrl_c.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    extension = _Extension("extension", "extension.so")
+
+    def load(args: list[str]) -> int:
+        if where == "extension":
+            importlib.util.module_from_spec(ModuleSpec("extension", extension))
+            extension.exec_module(ModuleType("extension"))
+        else:
+            with contextlib.suppress(BaseException):
+                signal.raise_signal(signal.SIGINT)
+        importlib.import_module("loaded_after_ctrl_c")
+        return 0
+
+    before, finders = signal.signal(signal.SIGINT, signal.default_int_handler), list(sys.meta_path)
+    monkeypatch.setattr("mgf_engine.cli.main._run", load)
+    try:
+        assert main(["evaluate"]) == 3
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert capsys.readouterr().err == "Cancelled; run again to continue.\n"
+    assert "loaded_after_ctrl_c" not in sys.modules and sys.meta_path == finders
+    assert extension.loaded == (where == "extension")
 
 
 def test_ctrl_c_inside_an_exec_ends_with_the_exit_code() -> None:
