@@ -5,7 +5,14 @@ import sys
 
 
 def main() -> int:
-    """Run the command line; Ctrl-C while it is being loaded is no traceback either."""
+    """Run the command line; returns the exit code."""
+    code = _run()
+    exec("")  # of nothing: clears the mark that a Ctrl-C inside an exec leaves, with which Python ends by the signal
+    return code
+
+
+def _run() -> int:
+    """Load and run the command line; Ctrl-C while it is being loaded is no traceback either."""
     try:
         from mgf_engine.cli.main import main as run
     except KeyboardInterrupt:
@@ -13,9 +20,7 @@ def main() -> int:
 
         print("Cancelled.", file=sys.stderr)
         return EXIT_CANCELLED
-    code = run()
-    exec("")  # of nothing: clears the mark that a Ctrl-C inside an exec leaves, with which Python ends by the signal
-    return code
+    return run()
 
 
 if __name__ == "__main__":

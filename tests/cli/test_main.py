@@ -181,18 +181,40 @@ def test_ctrl_c_cancels_at_the_next_module(
     assert extension.loaded == (where == "extension")
 
 
-def test_ctrl_c_inside_an_exec_ends_with_the_exit_code() -> None:
-    """Dataclasses of modules that are being loaded are made so; Python ended by the signal, after our sentence."""
-    code = """
-import signal, sys
+_IN_A_COMMAND = """
 import mgf_engine.cli.main as cli
+cli._run = lambda args: exec("signal.raise_signal(signal.SIGINT)", {"signal": signal})
+"""
+_WHILE_IT_IS_LOADED = """
+import mgf_engine.errors
+class Finder:
+    def find_spec(self, name, path, target=None):
+        if name == "mgf_engine.cli.main":
+            exec("signal.raise_signal(signal.SIGINT)")
+sys.meta_path.insert(0, Finder())
+"""
+
+
+@pytest.mark.parametrize(
+    ("where", "said"),
+    [(_IN_A_COMMAND, "Cancelled; run again to continue.\n"), (_WHILE_IT_IS_LOADED, "Cancelled.\n")],
+)
+def test_ctrl_c_inside_an_exec_ends_with_the_exit_code(where: str, said: str, tmp_path: Path) -> None:
+    """Dataclasses of modules that are being loaded are made so; Python ended by the signal, after our sentence."""
+    code = f"""
+import signal, sys
 from mgf_engine.__main__ import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
-cli._run = lambda args: exec("import signal; signal.raise_signal(signal.SIGINT)")
+{where}
 sys.exit(main())
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
-    assert (run.returncode, run.stderr) == (3, "Cancelled; run again to continue.\n")
+    (tmp_path / "interrupted.py").write_text(code)
+    places = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
+    run = subprocess.run(
+        [sys.executable, "-m", "interrupted"],  # Python looks at the signal after -m, and not after -c
+        capture_output=True, text=True, timeout=120, env={**os.environ, "PYTHONPATH": places},
+    )  # fmt: skip
+    assert (run.returncode, run.stderr) == (3, said)
 
 
 def test_terminals_without_unicode_get_escapes(tmp_path: Path) -> None:
