@@ -24,7 +24,7 @@ from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import DrawingFrame, Survey
-from mgf_engine.drawings.opening_edges import edge_photos
+from mgf_engine.drawings.openings import elevation_photos
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.evaluation.surfaces import Surface, read_surface
@@ -120,7 +120,7 @@ def score(job: Path, scene: Path, spec: dict[str, Any]) -> Score:
     planes = survey_planes(survey, config.algorithm(PlanarOptions))
     options = config.algorithm(TextureOptions)
     painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options)
-    photos = edge_photos(survey, painting, Visibility(survey, painting))
+    photos = elevation_photos(survey, painting, Visibility(survey, painting))
     scores = []
     for facade in find_facades(survey, config.algorithm(FacadeOptions)):
         drawing = draw_elevation(survey, planes, facade.frame, config.algorithm(ElevationOptions), photos)

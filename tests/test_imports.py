@@ -20,7 +20,7 @@ ORDER = (
     *("errors", "stages", "costs", "system", "files"),  # the machine, its files
     *("options", "messages", "console", "weights"),  # what users ask for, and what they are told
     *("native", "model", "raster", "geometry"),  # kernels, data, drawing, meshes as such
-    *("scene", "masks", "start", "field", "mesh", "texture", "evaluation"),  # the work
+    *("scene", "masks", "start", "field", "openings", "mesh", "texture", "evaluation"),  # the work
     "jobs",  # the job folder, time and memory
     *("georef", "export", "drawings", "models", "runners", "pipeline", "town", "api"),  # whole jobs
     *("cli", "__main__"),

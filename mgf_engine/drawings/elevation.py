@@ -22,8 +22,7 @@ from mgf_engine.drawings.model import (
     Polyline,
     Survey,
 )
-from mgf_engine.drawings.opening_edges import EdgePhotos
-from mgf_engine.drawings.openings import WallOpeningOptions, find_openings
+from mgf_engine.drawings.openings import ElevationPhotos, ElevationWallOptions, find_openings
 from mgf_engine.drawings.overhangs import OverhangOptions, square_overhangs
 from mgf_engine.drawings.plane_lines import PlaneLineOptions, plane_lines
 from mgf_engine.drawings.project import Grid, GridBuffers, render_grid
@@ -53,7 +52,7 @@ class ElevationOptions:
     straightening: StraightenOptions = StraightenOptions()
     overhangs: OverhangOptions = OverhangOptions()
     rectangles: RectangleOptions = RectangleOptions()
-    openings: WallOpeningOptions = WallOpeningOptions()
+    walls: ElevationWallOptions = ElevationWallOptions()
 
 
 def draw_elevation(
@@ -61,7 +60,7 @@ def draw_elevation(
     planes: Planes,
     frame: DrawingFrame,
     options: ElevationOptions = ElevationOptions(),
-    photos: EdgePhotos | None = None,
+    photos: ElevationPhotos | None = None,
 ) -> LineDrawing:
     """Draw what a frame shows, as lines.
 
@@ -79,7 +78,7 @@ def draw_elevation(
     given = plane_lines(survey, planes, frame, options.plane_lines)
     chains = trace(regions.label)
     kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
-    slack = options.openings.side * survey.working_pixel / regions.grid.resolution
+    slack = options.walls.openings.side * survey.working_pixel / regions.grid.resolution
     drawn = [
         (chain, kind)
         for chain, kind in zip(chains, kinds, strict=True)
@@ -114,12 +113,12 @@ def _is_upright(frame: DrawingFrame) -> bool:
 
 
 def _openings(
-    survey: Survey, regions: RegionMap, seen: GridBuffers, options: ElevationOptions, photos: EdgePhotos | None
+    survey: Survey, regions: RegionMap, seen: GridBuffers, options: ElevationOptions, photos: ElevationPhotos | None
 ) -> list[Array]:
     """Return left, top, right, bottom of the openings in upright walls, in pixels of the map; none seen from above."""
     if not _is_upright(regions.grid.frame):
         return []
-    return find_openings(regions, seen, survey.working_pixel, options.openings, photos)
+    return find_openings(regions, seen, survey.working_pixel, options.walls, photos)
 
 
 def _is_within(chain: Chain, boxes: list[Array], slack: float) -> bool:

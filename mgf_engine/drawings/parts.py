@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from mgf_engine.drawings.model import PART, Array, Polyline, Survey
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.project import Grid, GridBuffers
-from mgf_engine.drawings.rectangles import align_edges
 from mgf_engine.drawings.straighten import StraightenOptions, straighten
 from mgf_engine.drawings.trace import trace
 from mgf_engine.model.pixels import sample_pixels
+from mgf_engine.openings.detection import align_edges
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
 

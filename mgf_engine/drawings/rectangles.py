@@ -61,18 +61,6 @@ def rectangle_stroke(ring: Array, ends: tuple[int, int]) -> Stroke:
     return Stroke(segments, points, ends)
 
 
-def align_edges(boxes: Array, distance: float) -> Array:
-    """Bring edges of rectangles [n, 4] that are within a distance of one line onto it, column by column."""
-    result = boxes.copy()
-    for k in range(4):
-        order = np.argsort(boxes[:, k])
-        groups = np.split(order, np.flatnonzero(np.diff(boxes[order, k]) > distance / 2) + 1)
-        for group in groups:
-            if len(group) and np.ptp(boxes[group, k]) <= distance:
-                result[group, k] = boxes[group, k].mean()
-    return result
-
-
 def _ends(rows: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the medians of where rows of a mask [n, W] begin and end."""
     some = rows[rows.any(1)]

@@ -6,8 +6,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
@@ -16,6 +18,7 @@ from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.mesh.border_smoothing import trim_border
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
+from mgf_engine.mesh.cut_openings import cut_openings
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.mesh.extend_planes import ON_PLANE, extend_planes
 from mgf_engine.mesh.find_trusted_views import find_trusted_views
@@ -26,20 +29,23 @@ from mgf_engine.mesh.low_confidence_fill import fill_low_confidence
 from mgf_engine.mesh.opacity import OpacityField
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import see_vertices
-from mgf_engine.mesh.planar import flatten, flatten_planes
+from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_borders import fade_moves
+from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.mesh.raw_surface import RAW_SURFACE_DONE, SurfaceInputs, raw_surface, timed_part
 from mgf_engine.mesh.refine import RefinementOptions, project_onto_surface, refine
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.mesh.screening import screen
 from mgf_engine.mesh.surface_field import SurfaceField
 from mgf_engine.mesh.trusted_views import TrustedViews
+from mgf_engine.mesh.wall_openings import edge_photos, find_wall_openings
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.scene.crop import CropBox, crop_of
+from mgf_engine.scene.gravity import find_up
 from mgf_engine.start.surface import StartSurface
 from mgf_engine.system.timing import PartTimes
 
@@ -92,7 +98,11 @@ def extract_mesh(
         mesh = refine_mesh(move_onto_depth_maps(mesh, field, trusted, options), trusted, options, reporter)
     if options.flatten:
         with timed_part(times, "planes"):
-            mesh = flatten_mesh(mesh, trusted, options)
+            flat = flatten_mesh(mesh, trusted, options)
+            mesh = flat.mesh
+        if options.openings:
+            with timed_part(times, "openings"):
+                mesh = cut_wall_openings(flat, scene, trusted, options)
     if options.drop_unseen:
         with timed_part(times, "borders"):
             mesh = trim_mesh(mesh, field, trusted, options)
@@ -189,7 +199,21 @@ def refine_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, r
     )  # fmt: skip
 
 
-def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
+class FlatMesh(NamedTuple):
+    """A mesh whose planar regions lie in their planes.
+
+    Attributes:
+        mesh: normalised frame.
+        pixel: size of a ground pixel at each vertex, [N].
+        planes: None where there are none.
+    """
+
+    mesh: Mesh
+    pixel: NDArray[np.float64]
+    planes: Planes | None
+
+
+def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) -> FlatMesh:
     """Project the planar regions of a mesh onto their planes, and extend the planes unless the photos contradict.
 
     Args:
@@ -199,7 +223,8 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     """
     pixel = ground_pixels(mesh, trusted.views).astype(np.float64)
     if trusted.photos is None:
-        return flatten(mesh, pixel, options.planes)
+        flat = flatten_planes(mesh, pixel, options.planes)
+        return FlatMesh(flat.mesh, pixel, flat.planes)
     # Relief is measured twice: within the planes that region growing finds, and then within those that the vertices are
     # labelled with, which reach farther.
     photos = see_vertices(mesh, pixel, trusted.views, trusted.photos.grey, options.patches)
@@ -208,7 +233,27 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     result = extend_planes(mesh, flat, pixel, photos, options.extension, relief)
     inside = flat.inside | (result.values[ON_PLANE] > 0)
     moves = fade_moves(mesh, result.vertices - mesh.vertices, inside, options.extension.borders)
-    return replace(result, vertices=mesh.vertices + moves)
+    return FlatMesh(replace(result, vertices=mesh.vertices + moves), pixel, flat.planes)
+
+
+def cut_wall_openings(flat: FlatMesh, scene: Scene, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
+    """Cut windows, doors and niches of flat walls as rectangles; their edges are taken from the photos.
+
+    Args:
+        flat: the mesh and its planes.
+        scene: photos, and cameras that tell the direction up.
+        trusted: photos whose masks are reliable.
+        options: of walls, openings and cuts.
+    """
+    mesh, pixel, planes = flat
+    if planes is None:
+        return mesh
+    photos = edge_photos(mesh, trusted.views, lambda i: scene.photo(trusted.indices[i]), options.patches)
+    up = find_up(scene, options=options.gravity).vector
+    walls = find_wall_openings(mesh, pixel, planes, up, photos, options.wall_openings)
+    result, count = cut_openings(mesh, walls, options.wall_openings.cut)
+    log.info("mesh: %d openings in walls, %d of them cut", sum(len(wall.boxes) for wall in walls), count)
+    return result
 
 
 def trim_mesh(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:

@@ -22,8 +22,10 @@ from mgf_engine.mesh.relief import ReliefOptions
 from mgf_engine.mesh.screening import ScreeningOptions
 from mgf_engine.mesh.tetrahedra import TetrahedraOptions
 from mgf_engine.mesh.unobserved_volumes import UnobservedVolumeOptions
+from mgf_engine.mesh.wall_openings import MeshOpeningOptions
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.options.config import job_option
+from mgf_engine.scene.gravity import GravityOptions
 from mgf_engine.scene.neighbours import NeighbourOptions
 
 
@@ -64,6 +66,7 @@ class ExtractionOptions:
     span_dents: bool = job_option("span_dents")
     smoothing: int = job_option("smoothing")
     flatten: bool = job_option("flatten")
+    openings: bool = job_option("openings")
     face_error: float = job_option("face_error")
     color_error: float = job_option("color_error")
     max_faces: int = job_option("max_faces")
@@ -86,5 +89,7 @@ class ExtractionOptions:
     relief: ReliefOptions = ReliefOptions()
     patches: PatchOptions = PatchOptions()
     extension: PlaneExtensionOptions = PlaneExtensionOptions()
+    gravity: GravityOptions = GravityOptions()
+    wall_openings: MeshOpeningOptions = MeshOpeningOptions()
     colors: ColorOptions = ColorOptions()
     fill: LowConfidenceFillOptions = LowConfidenceFillOptions()

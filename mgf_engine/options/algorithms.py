@@ -56,6 +56,8 @@ RENAMED_OPTIONS = {
     "ground_homography.colour": "ground_homography.color",
     "start_lines.colour": "start_lines.color",
     "regions.steepest": "regions.largest_slope",
+    "wall_openings.wall": "elevation_walls.area",
+    "wall_openings.facing": "elevation_walls.facing",
     "solid_evidence.steepest": "solid_evidence.largest_tilt",
 }
 

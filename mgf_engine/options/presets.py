@@ -54,6 +54,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "span_dents": False,
         "smoothing": 0,
         "flatten": False,
+        "openings": False,
         "face_error": 0.0,
         "min_component": 0.0,
         "texture": False,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mgf_engine.drawings.model import DrawingFrame
-from mgf_engine.drawings.openings import WallOpeningOptions, find_openings
+from mgf_engine.drawings.openings import find_openings
 from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.regions import RegionMap
 
@@ -18,7 +18,7 @@ ROW, COLUMN = np.mgrid[:HEIGHT, :WIDTH]
 WINDOWS = ((40, 60, 90, 130), (160, 60, 210, 130), (280, 200, 330, 290))  # left, top, right, bottom
 
 
-def found(before: np.ndarray, **options: float) -> np.ndarray:
+def found(before: np.ndarray) -> np.ndarray:
     """Openings in a wall whose plane is that of the drawing, [n, 4], from the left."""
     up = np.array([0.0, 0.0, 1.0])
     size = np.array([WIDTH, HEIGHT]) * 0.5 * PIXEL
@@ -26,7 +26,7 @@ def found(before: np.ndarray, **options: float) -> np.ndarray:
     grid = Grid(frame, 0.5 * PIXEL, 0.0, float(size[1]), WIDTH, HEIGHT)
     regions = RegionMap(grid, np.ones((HEIGHT, WIDTH), np.int32), np.zeros((1, 3)))
     seen = GridBuffers(grid, np.where(np.isfinite(before), 0, -1).astype(np.int32), before.astype(np.float32))
-    boxes = np.array(find_openings(regions, seen, PIXEL, WallOpeningOptions(**options))).reshape(-1, 4)
+    boxes = np.array(find_openings(regions, seen, PIXEL)).reshape(-1, 4)
     return boxes[np.argsort(boxes[:, 0])]
 
 

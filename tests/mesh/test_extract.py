@@ -45,7 +45,7 @@ def test_known_shapes_come_back_closed_outward_and_in_place(surface, shape):
     assert fractions == sorted(fractions) and len(fractions) > 20
     seconds = times.figures()["seconds_per_part"]
     parts = ["points", "depth maps", "tetrahedra", "level set", "cleaning", "refinement"]
-    assert list(seconds) == [*parts, "planes", "borders", "colours", "reduction"]
+    assert list(seconds) == [*parts, "planes", "openings", "borders", "colours", "reduction"]
     assert all(value >= 0 for value in seconds.values()) and sum(seconds.values()) > 0
 
 

@@ -65,7 +65,8 @@ OURS = {
     "visual_hull": False, "match_photos": False, "refine_rounds": 0, "depth_smoothing": 0.0,
     "calibrate_level": False, "merge_flat": False,
     "drop_unseen": False, "face_votes": False, "fill_holes": False, "span_dents": False, "smoothing": 0,
-    "flatten": False, "face_error": 0.0, "min_component": 0.0, "close_bottom": False, "crop_box": "", "texture": False,
+    "flatten": False, "openings": False, "face_error": 0.0, "min_component": 0.0, "close_bottom": False,
+    "crop_box": "", "texture": False,
 }  # fmt: skip
 #: Options of algorithms that run always otherwise, and what they are where the paper has no such step.
 ALGORITHMS_OFF = {
@@ -150,6 +151,7 @@ IDLE = {
     "photometric": "match_photos", "depth_smoothing": "match_photos", "prior": "start", "tsdf": "surface",
     "visual_hull": "visual_hull", "mesh_refinement": "refine_rounds",
     **dict.fromkeys(("planar", "relief", "patches", "plane_labels", "plane_extension", "plane_borders"), "flatten"),
+    **dict.fromkeys(("opening_walls", "wall_openings", "opening_edges", "opening_cuts"), "openings"),
     "planar_clustering": "merge_flat", "mask_votes": "face_votes", "low_confidence_fill": "span_dents",
     "unobserved_volumes": "drop_unseen", "component_filter": "drop_unseen", "mesh_border": "drop_unseen",
 }  # fmt: skip

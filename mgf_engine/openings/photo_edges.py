@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Locate the left, right and upper edges of openings in the photos, since the mesh is blurred there by several pixels.
+"""Locate the left, right and upper edges of openings in the photos, since a mesh is blurred there by several pixels.
 
 The photos are sampled in strips on the plane of the wall, across each edge. What lies on the wall has its gradient at
 one place in all photos, while reveal and frame behind it move with the camera. The mean gradient therefore falls off
@@ -10,23 +10,23 @@ most is a sill's other edge.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from mgf_engine.drawings.model import Array, Survey
-from mgf_engine.drawings.orthophoto import Visibility
-from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.model.scene import View
+from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
-from mgf_engine.texture.painting import Painting
 
-LEFT, TOP, RIGHT = 0, 1, 2
+Array = NDArray[np.float64]
+LEFT, TOP, RIGHT = _SIDES = (0, 1, 2)
 _STEP = 0.25  # of the samples across an edge, ground px
+_EVERY = 7  # of these samples one is asked for whether a photo shows it
 _ALONG = 0.5  # of the rows of samples along it, ground px
 _FACING_AWAY = -0.05  # tangent from which a camera counts as on the wall's side of the edge
 _NOISE = 3.0  # grey values per pixel added to the largest gradient of a photo, which is set to 1
@@ -60,35 +60,21 @@ class EdgePhotos:
     """The photos that edges are looked for in.
 
     Attributes:
-        views: their cameras.
+        views: their cameras, normalised frame.
         photo: place among ``views`` -> RGB uint8 [H, W, 3].
-        shows: place, points of the normalised frame and normals [n, 3] -> which of them it shows, [n].
-        normalise: local frame -> normalised frame, [n, 3].
-        turn_normal: normal in the local frame -> in the normalised frame, [3].
+        shows: place, points of the normalised frame [n, 3] and unit normal [3] -> which of them it shows, [n]. Asked
+            for one view after the other.
     """
 
     views: Sequence[View]
     photo: Callable[[int], NDArray[np.uint8]]
     shows: Callable[[int, Array, Array], NDArray[np.bool_]]
-    normalise: Callable[[Array], Array]
-    turn_normal: Callable[[Array], Array]
-
-
-def edge_photos(survey: Survey, painting: Painting, visibility: Visibility) -> EdgePhotos:
-    """Return the photos that paint a survey's orthophotos, at their working size."""
-    return EdgePhotos(
-        painting.views,
-        lambda k: survey.scene.photo(painting.chosen[k]),
-        lambda k, points, normals: visibility(k, points, normals)[0] > 0,
-        survey.normalise,
-        survey.turn_to_normalised,
-    )
 
 
 def move_edges(
     boxes: Array,
     walls: Sequence[int],
-    regions: RegionMap,
+    frames: Mapping[int, WallFrame],
     pixel: float,
     photos: EdgePhotos,
     options: OpeningEdgeOptions = OpeningEdgeOptions(),
@@ -96,29 +82,32 @@ def move_edges(
     """Move left, right and upper edges of openings to where the photos have them; those on one line together.
 
     Args:
-        boxes: left, top, right, bottom in pixels of the map, [n, 4].
-        walls: label of the wall that each opening is in.
-        regions: of the elevation, with their planes.
-        pixel: a ground pixel, local unit.
+        boxes: left, top, right, bottom in coordinates of their walls, [n, 4].
+        walls: number of the wall that each opening is in.
+        frames: number of a wall -> its coordinates.
+        pixel: a ground pixel in these coordinates.
         photos: to look at.
         options: limits.
 
     Returns:
         [n, 4].
     """
-    result, offsets = boxes.copy(), np.arange(-options.reach, options.reach + 0.5 * _STEP, _STEP)
-    for side in (LEFT, TOP, RIGHT):
+    offsets = np.arange(-options.reach, options.reach + 0.5 * _STEP, _STEP)
+    strips = [
+        [_strip(box, side, frames[wall], pixel * offsets, options) for side in _SIDES]
+        for box, wall in zip(boxes, walls, strict=True)
+    ]
+    curves = _mean_gradients(strips, photos, len(offsets), options)
+    result = boxes.copy()
+    for side in _SIDES:
         lines: dict[tuple[int, float], list[int]] = {}
         for row, wall in enumerate(walls):
             lines.setdefault((wall, float(boxes[row, side])), []).append(row)
-        for (wall, _), rows in lines.items():
-            found = [_mean_gradient(boxes[row], side, wall, regions, pixel * offsets, photos, options) for row in rows]
-            curves = [curve for curve in found if curve is not None]
-            if not curves:
-                continue
-            out = wall_side_edge(np.mean(curves, axis=0), offsets, options, above=side == TOP)
-            sign = 1.0 if side == RIGHT else -1.0
-            result[rows, side] += sign * out * pixel / regions.grid.resolution
+        for rows in lines.values():
+            known = curves[rows, side][np.isfinite(curves[rows, side, 0])]
+            if len(known):
+                out = wall_side_edge(known.mean(0), offsets, options, above=side == TOP)
+                result[rows, side] += (-1.0 if side == LEFT else 1.0) * out * pixel
     return result
 
 
@@ -161,59 +150,72 @@ def wall_side_edge(
     return place
 
 
-def _mean_gradient(
-    box: Array,
-    side: int,
-    wall: int,
-    regions: RegionMap,
-    offsets: Array,
-    photos: EdgePhotos,
-    options: OpeningEdgeOptions,
-) -> Array | None:
-    """Return the mean over the photos of the gradient across an edge, each with 1 as its largest, [n]; None where no
-    photo shows the edge."""
-    at, outward = _strip(box, side, regions, offsets, options)
-    frame = regions.grid.frame
-    local = frame.to_local(np.column_stack([at.reshape(-1, 2), regions.before(wall, at.reshape(-1, 2))]))
-    points = photos.normalise(local)
-    axes = photos.normalise(local.mean(0) + np.stack([np.zeros(3), *np.stack([frame.x, frame.y, frame.normal])]))
-    axes = axes[1:] - axes[0]
-    normals = np.broadcast_to(photos.turn_normal(frame.normal), points.shape)
-    total, weights = np.zeros(len(offsets)), 0.0
+class _Strip(NamedTuple):
+    """Points on a wall across an edge of an opening.
+
+    Attributes:
+        frame: of the wall.
+        points: normalised frame, [rows along the edge, offsets, 3].
+        outward: direction out of the opening, in coordinates of the wall, [2].
+    """
+
+    frame: WallFrame
+    points: Array
+    outward: Array
+
+
+def _mean_gradients(
+    strips: Sequence[Sequence[_Strip]], photos: EdgePhotos, count: int, options: OpeningEdgeOptions
+) -> Array:
+    """Return the mean over the photos of the gradient across each edge, each with 1 as its largest, [n, 3, count]; NaN
+    where no photo shows the edge."""
+    total, weights = np.zeros((len(strips), len(_SIDES), count)), np.zeros((len(strips), len(_SIDES), 1))
+    middle = np.array([[strip.points.mean((0, 1)) for strip in row] for row in strips]).reshape(-1, 3)
+    normal = np.repeat([row[0].frame.normal for row in strips], len(_SIDES), axis=0).reshape(-1, 3)
     for k, view in enumerate(photos.views):
-        rows = photos.shows(k, points, normals).reshape(at.shape[:2]).mean(1) > 0.9
-        if rows.mean() < options.shown:
-            continue
-        ray = view.centre - points.mean(0)
-        toward = axes @ ray
-        away = float(outward @ toward[:2]) > _FACING_AWAY * toward[2]
-        uv, depth = view.project(points)
-        pixels = (uv.reshape(*at.shape[:2], 2)[rows] - 0.5).astype(np.float32)
-        strip = cv2.remap(photos.photo(k), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR).astype(np.float64)
-        smooth = gaussian_filter1d(strip.mean(0), options.blur / _STEP, axis=0)
-        gradient = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) / _STEP
-        size = np.sqrt(toward[2] / np.linalg.norm(ray)) * view.fx / float(np.median(depth))
-        weight = size * (1.0 if away else options.inner)
-        total += weight * gradient / (gradient.max() + _NOISE)
-        weights += weight
-    return total / weights if weights > 0 else None
+        inside = view.project_into_frame(middle, 0)[2] & (((view.centre - middle) * normal).sum(1) > 0)
+        for row, side in zip(*np.nonzero(inside.reshape(-1, len(_SIDES))), strict=True):
+            found = _gradient(strips[row][side], k, photos, options)
+            if found is not None:
+                total[row, side] += found[0] * found[1]
+                weights[row, side] += found[1]
+    return np.divide(total, weights, out=np.full_like(total, np.nan), where=weights > 0)
 
 
-def _strip(
-    box: Array, side: int, regions: RegionMap, offsets: Array, options: OpeningEdgeOptions
-) -> tuple[Array, Array]:
-    """Return points across an edge in drawing coordinates, [rows along it, offsets, 2], and the direction out of the
-    opening [2]."""
-    left, top = regions.grid.places(box[:2])
-    right, bottom = regions.grid.places(box[2:])
+def _gradient(strip: _Strip, k: int, photos: EdgePhotos, options: OpeningEdgeOptions) -> tuple[Array, float] | None:
+    """Return the gradient across an edge in a photo, 1 where it is largest, [offsets], and the weight of the photo;
+    None where it does not show the edge."""
+    view, some = photos.views[k], strip.points[:, ::_EVERY]
+    rows = photos.shows(k, some.reshape(-1, 3), strip.frame.normal).reshape(some.shape[:2]).mean(1) > 0.9
+    if rows.mean() < options.shown:
+        return None
+    flat = strip.points[rows].reshape(-1, 3)
+    ray = view.centre - some.mean((0, 1))
+    toward = strip.frame.axes @ ray / np.linalg.norm(strip.frame.axes, axis=1)
+    away = float(strip.outward @ toward[:2]) > _FACING_AWAY * toward[2]
+    uv, depth = view.project(flat)
+    pixels = (uv.reshape(-1, strip.points.shape[1], 2) - 0.5).astype(np.float32)
+    colors = cv2.remap(photos.photo(k), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+    smooth = gaussian_filter1d(colors.mean(0), options.blur / _STEP, axis=0)
+    gradient = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) / _STEP
+    size = float(np.sqrt(max(toward[2], 0.0) / np.linalg.norm(ray)) * view.fx / depth.mean())
+    return gradient / (gradient.max() + _NOISE), size * (1.0 if away else options.inner)
+
+
+def _strip(box: Array, side: int, frame: WallFrame, offsets: Array, options: OpeningEdgeOptions) -> _Strip:
+    """Return the strip across an edge of an opening (left, top, right, bottom in coordinates of the wall, [4])."""
+    left, top, right, bottom = box
     step = _ALONG / _STEP * float(offsets[1] - offsets[0])
-    sign = 1.0 if side == RIGHT else -1.0
     if side == TOP:
         x, y = np.meshgrid(_inner(left, right, step, options.margin), top + offsets, indexing="ij")
-        return np.stack([x, y], -1), np.array([0.0, 1.0])
-    along = _inner(bottom, top, step, options.margin)
-    y, x = np.meshgrid(along, (right if side == RIGHT else left) + sign * offsets, indexing="ij")
-    return np.stack([x, y], -1), np.array([sign, 0.0])
+        outward = np.array([0.0, 1.0])
+    else:
+        sign = 1.0 if side == RIGHT else -1.0
+        along = _inner(bottom, top, step, options.margin)
+        y, x = np.meshgrid(along, (right if side == RIGHT else left) + sign * offsets, indexing="ij")
+        outward = np.array([sign, 0.0])
+    points = frame.points(np.stack([x, y], -1).reshape(-1, 2)).reshape(*x.shape, 3)
+    return _Strip(frame, points, outward)
 
 
 def _inner(begin: float, end: float, step: float, margin: float) -> Array:

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from support.rays import pixel_rays
 
-from mgf_engine.drawings.model import DrawingFrame
-from mgf_engine.drawings.opening_edges import EdgePhotos, OpeningEdgeOptions, move_edges, wall_side_edge
-from mgf_engine.drawings.project import Grid
-from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.model.scene import View
+from mgf_engine.openings.photo_edges import EdgePhotos, OpeningEdgeOptions, move_edges, wall_side_edge
+from mgf_engine.openings.wall_frame import WallFrame
 
-PIXEL = 0.04  # metres on the wall; the map has two pixels to it
-SIZE = 6.0
+PIXEL = 0.04  # metres on the wall
+FRAME = WallFrame(np.zeros(3), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]))
 WINDOW = np.array([2.03, 1.51, 3.26, 3.11])  # left, low, right, high on the wall, metres
 DEPTH, BAR = 0.2, 0.07
 WALL, REVEAL, BARS, PANE = (200, 190, 170), (150, 140, 125), (235, 235, 230), (50, 60, 70)
@@ -61,23 +59,15 @@ CENTRES = [(x, -9.0, z) for x in (-5.0, -1.0, 3.0, 7.0, 11.0) for z in (1.5, 7.0
 def photos() -> EdgePhotos:
     views = [view_from(centre) for centre in CENTRES]
     pictures = [photo_of(view) for view in views]
-    return EdgePhotos(views, pictures.__getitem__, lambda k, points, _: np.ones(len(points), bool), *[lambda p: p] * 2)
-
-
-def regions() -> RegionMap:
-    frame = DrawingFrame("A", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), np.zeros(2), np.full(2, SIZE))
-    side = round(2 * SIZE / PIXEL)
-    return RegionMap(Grid(frame, 0.5 * PIXEL, 0.0, SIZE, side, side), np.ones((side, side), np.int32), np.zeros((1, 3)))
+    return EdgePhotos(views, pictures.__getitem__, lambda k, points, _: np.ones(len(points), bool))
 
 
 def moved(off: tuple[float, float, float, float], photos: EdgePhotos) -> np.ndarray:
     """Left, low, right, high in ground pixels from the truth, after a start that is off by so many, all outwards."""
     outward = np.array([-1.0, -1.0, 1.0, 1.0])
     left, low, right, high = WINDOW + outward * off * np.array(PIXEL)
-    box = np.array([left, SIZE - high, right, SIZE - low]) / (0.5 * PIXEL)
-    found = move_edges(box[None], [1], regions(), PIXEL, photos)[0] * (0.5 * PIXEL)
-    edges = np.array([found[0], SIZE - found[3], found[2], SIZE - found[1]])
-    return outward * (edges - WINDOW) / PIXEL
+    found = move_edges(np.array([[left, high, right, low]]), [1], {1: FRAME}, PIXEL, photos)[0]
+    return outward * (found[[0, 3, 2, 1]] - WINDOW) / PIXEL
 
 
 @pytest.mark.parametrize("off", [(0, 0, 0, 0), (-2, 0.5, -1.5, -3), (0.8, -1, -1.8, -1), (0, 0, 0, -3.5)])
@@ -88,9 +78,7 @@ def test_edges_come_to_where_the_wall_has_them(off: tuple[float, float, float, f
 
 
 def test_edges_that_no_photo_shows_stay(photos: EdgePhotos) -> None:
-    nothing = EdgePhotos(
-        photos.views, photos.photo, lambda k, points, _: np.zeros(len(points), bool), *[lambda p: p] * 2
-    )
+    nothing = EdgePhotos(photos.views, photos.photo, lambda k, points, _: np.zeros(len(points), bool))
     off = (-2.0, 0.5, 1.0, -3.0)
     np.testing.assert_allclose(moved(off, nothing), off, atol=1e-9)
 

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Find the openings in the walls of a mesh: by their depth behind the planes of walls, and by their edges in photos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mgf_engine.geometry.clean import face_areas
+from mgf_engine.geometry.normals import unit_vectors
+from mgf_engine.geometry.rasterize import render_mesh, render_parallel
+from mgf_engine.mesh.cut_openings import CutOptions, WallOpenings, overlapping
+from mgf_engine.mesh.photo_consistency import PatchOptions
+from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.scene import View
+from mgf_engine.openings.detection import Found, WallOpeningOptions, align_edges, openings_in, without_doubles
+from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
+from mgf_engine.openings.wall_frame import WallFrame
+from mgf_engine.options.algorithms import parameter
+
+Array = NDArray[np.float64]
+_SPACE = 4.0  # around a wall in its depth map, ground px
+
+
+@dataclass(frozen=True)
+class MeshOpeningOptions:
+    """Options of the walls of a mesh that openings are looked for in."""
+
+    area: float = parameter(1500.0, "Minimum area of a wall", "ground px²")
+    upright: float = parameter(37.0, "Maximum angle between a wall and up", "degrees", high=90)
+    before: float = parameter(1.5, "Distance before a wall up to which the mesh is looked at; balconies are not",
+                              "ground px")  # fmt: skip
+    behind: float = parameter(14.0, "Maximum depth of an opening", "ground px")
+    pixel: float = parameter(0.5, "Size of a pixel of the map of depths", "ground px", low=0.05)
+    longest_side: int = parameter(6000, "Longest side of the map of depths", "px", low=16)
+    detection: WallOpeningOptions = WallOpeningOptions()
+    cut: CutOptions = CutOptions()
+
+
+def find_wall_openings(
+    mesh: Mesh,
+    pixel: Array,
+    planes: Planes,
+    up: Array,
+    photos: EdgePhotos,
+    options: MeshOpeningOptions = MeshOpeningOptions(),
+) -> list[WallOpenings]:
+    """Find the openings in all walls, from the largest wall on; no face belongs to two of them.
+
+    Args:
+        mesh: normalised frame, its planar parts in their planes.
+        pixel: size of a ground pixel at each vertex, [N].
+        planes: found on this mesh.
+        up: unit, normalised frame, [3].
+        photos: to take edges from.
+        options: what walls and openings are.
+    """
+    labelled = planes.label >= 0
+    areas = np.bincount(planes.label[labelled], face_areas(mesh)[labelled], len(planes.normals))
+    free, found = np.ones(len(mesh.faces), bool), list[WallOpenings]()
+    for number in np.argsort(-areas, kind="stable"):
+        normal, own = planes.normals[number], np.flatnonzero(planes.label == number)
+        if abs(normal @ up) > np.sin(np.radians(options.upright)):
+            continue
+        size = float(np.median(pixel[mesh.faces[own]]))
+        if areas[number] < options.area * size**2:
+            continue
+        frame = _frame(normal, float(planes.offsets[number]), up, size)
+        wall = _in_wall(mesh, free, frame, own, areas[number] / size**2, options)
+        if wall is not None:
+            found.append(wall)
+            free[wall.faces] = False
+    return _with_photo_edges(found, photos, options.detection)
+
+
+def edge_photos(
+    mesh: Mesh, views: Sequence[View], photo: Callable[[int], NDArray[np.uint8]], options: PatchOptions = PatchOptions()
+) -> EdgePhotos:
+    """Return photos for edges of openings; what the mesh hides by more than ``options.behind`` is not shown.
+
+    Args:
+        mesh: normalised frame.
+        views: cameras.
+        photo: number of a view -> RGB uint8 [H, W, 3].
+        options: what hides a point.
+    """
+    last: dict[int, NDArray[np.float32]] = {}
+
+    def shows(number: int, points: Array, normal: Array) -> NDArray[np.bool_]:
+        view = views[number]
+        if number not in last:
+            last.clear()
+            last[number] = np.asarray(cv2.dilate(render_mesh(mesh, view).depth, np.ones((3, 3), np.uint8)))
+        uv, depth, inside = view.project_into_frame(points, options.radius)
+        column, row = (np.where(inside, uv[:, axis], 0).astype(np.int64) for axis in (0, 1))
+        shown = last[number][row, column]
+        facing = unit_vectors(view.centre - points) @ normal
+        near = depth < shown * (1 + options.behind / view.fx)
+        return np.asarray(inside & (shown > 0) & near & (facing > options.facing))
+
+    return EdgePhotos(views, photo, shows)
+
+
+def _frame(normal: Array, offset: float, up: Array, pixel: float) -> WallFrame:
+    """Return the frame of a wall with x level, unit: a ground pixel."""
+    y = unit_vectors(up - (up @ normal) * normal)
+    return WallFrame(offset * normal, pixel * np.stack([np.cross(y, normal), y, normal]))
+
+
+def _in_wall(
+    mesh: Mesh, free: NDArray[np.bool_], frame: WallFrame, own: NDArray[np.int64], area: float, o: MeshOpeningOptions
+) -> WallOpenings | None:
+    """Find the openings of a wall by their depth; None without any.
+
+    Args:
+        mesh: normalised frame.
+        free: faces that belong to no opening of another wall, bool [F].
+        frame: of the wall.
+        own: the faces that its plane was found on.
+        area: of these, square ground pixels.
+        o: options.
+    """
+    at = frame.coordinates(mesh.vertices)
+    corners = at[mesh.faces[own]].reshape(-1, 3)[:, :2]
+    low, high = corners.min(0) - _SPACE, corners.max(0) + _SPACE
+    resolution = max(o.pixel, float((high - low).max()) / o.longest_side)
+    near = (at[:, 2] > -o.behind) & (at[:, 2] < o.before)
+    faces = np.flatnonzero(free & near[mesh.faces[:, 0]] & near[mesh.faces[:, 1]] & near[mesh.faces[:, 2]])
+    faces = faces[overlapping(at, mesh.faces[faces], low, high)]
+    used, corner = np.unique(mesh.faces[faces], return_inverse=True)
+    pixels = np.column_stack([(at[used, 0] - low[0]) / resolution, (high[1] - at[used, 1]) / resolution, at[used, 2]])
+    width, height = np.ceil((high - low) / resolution).astype(int).tolist()
+    seen = render_parallel(pixels, corner.reshape(-1, 3).astype(np.int32), height, width)
+    depth = np.where(seen.face >= 0, -seen.depth, np.float32(np.nan))
+    found = openings_in(depth, 1.0, resolution, area / resolution**2, o.detection)
+    boxes = np.array([one.box for one in without_doubles([Found(score, box, 0) for score, box in found])])
+    if not len(boxes):
+        return None
+    boxes = align_edges(boxes, o.detection.aligned / resolution) * resolution
+    boxes = np.tile([low[0], high[1]], 2) + boxes * np.array([1, -1, 1, -1])
+    near = np.zeros(len(faces), bool)
+    around = o.cut.slope + o.cut.around
+    for left, top, right, bottom in boxes:
+        near |= overlapping(at, mesh.faces[faces], np.array([left, bottom]) - around, np.array([right, top]) + around)
+    return WallOpenings(frame, boxes, faces[near])
+
+
+def _with_photo_edges(
+    found: Sequence[WallOpenings], photos: EdgePhotos, options: WallOpeningOptions
+) -> list[WallOpenings]:
+    """Return openings whose edges are where the photos have them, those in one row on one line."""
+    if not found:
+        return []
+    walls = np.repeat(np.arange(len(found)), [len(wall.boxes) for wall in found])
+    frames = {number: wall.frame for number, wall in enumerate(found)}
+    boxes = move_edges(np.concatenate([wall.boxes for wall in found]), walls.tolist(), frames, 1.0, photos,
+                       options.edges)  # fmt: skip
+    return [
+        wall._replace(boxes=align_edges(boxes[walls == number], 0.5 * options.aligned))
+        for number, wall in enumerate(found)
+    ]

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Openings in the walls of a mesh: found by their depth, once each, with their edges where the photos have them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mgf_engine.mesh.planar import flatten_planes
+from mgf_engine.mesh.wall_openings import MeshOpeningOptions, edge_photos, find_wall_openings
+from tests.mesh.test_cut_openings import BOX, sloped
+from tests.support.wall_photos import cameras
+
+UP = np.array([0.0, 1.0, 0.0])
+OTHER = np.array([100.0, 95.1, 130.0, 55.2])
+
+
+def painted(mesh, box):
+    """Photos of a pane in a wall: bright where a rectangle of z = 0 is seen, whatever the mesh is."""
+
+    def photo(number):
+        view = cameras()[number]
+        grid = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), -1).reshape(-1, 2)
+        ray = view.unproject(grid, np.ones(len(grid))) - view.centre
+        at = view.centre - ray * (view.centre[2] / ray[:, 2])[:, None]
+        left, top, right, bottom = box
+        inside = (at[:, 0] > left) & (at[:, 0] < right) & (at[:, 1] > bottom) & (at[:, 1] < top)
+        picture = np.where(inside, 40, 200).astype(np.uint8).reshape(view.height, view.width)
+        return np.repeat(picture[..., None], 3, 2)
+
+    return photo
+
+
+def found(mesh, up=UP, photo=None, options=MeshOpeningOptions()):
+    pixel = np.ones(len(mesh.vertices))
+    flat = flatten_planes(mesh, pixel)
+    plain = np.full((200, 240, 3), 200, np.uint8)
+    photos = edge_photos(flat.mesh, cameras(), photo or (lambda number: plain))
+    return find_wall_openings(flat.mesh, pixel, flat.planes, up, photos, options)
+
+
+def test_openings_are_found_where_the_mesh_is_half_as_deep():
+    (wall,) = found(sloped((BOX, OTHER)))
+    boxes = wall.boxes[np.argsort(wall.boxes[:, 0])]
+    np.testing.assert_allclose(boxes - [BOX, OTHER], 0, atol=0.6)
+    np.testing.assert_allclose(wall.frame.axes, np.eye(3), atol=0.02)
+
+
+def test_edges_come_from_the_photos_but_lower_ones():
+    off = np.array([-1.5, -1.5, -1.5, 0.0])
+    (wall,) = found(sloped((BOX + off,)), photo=painted(None, BOX))
+    np.testing.assert_allclose(wall.boxes[0], BOX, atol=0.6)
+
+
+@pytest.mark.parametrize(
+    ("change", "up"),
+    [
+        ({}, np.array([0.0, 0.0, 1.0])),
+        ({"area": 1e6}, UP),
+        ({"behind": 2.0}, UP),
+    ],
+    ids=["a roof", "small walls", "too deep"],
+)
+def test_none_are_found_in(change, up):
+    assert found(sloped(), up, options=replace(MeshOpeningOptions(), **change)) == []
+
+
+def test_faces_around_an_opening_belong_to_one_wall():
+    mesh = sloped((BOX, OTHER))
+    walls = found(mesh)
+    faces = np.concatenate([wall.faces for wall in walls])
+    assert len(np.unique(faces)) == len(faces) < len(mesh.faces)
