@@ -141,7 +141,17 @@ def _cut_in(patch: Patch, box: Array, options: CutOptions) -> Patch | None:
 
 
 def overlapping(at: Array, faces: NDArray[np.integer], low: Array, high: Array) -> NDArray[np.bool_]:
-    """Tell which faces [F, 3] overlap a rectangle as seen along the wall's normal, by their boxes, bool [F]."""
+    """Tell which faces overlap a rectangle as seen along the wall's normal, by their boxes.
+
+    Args:
+        at: vertices in coordinates of the wall, [N, 3].
+        faces: [F, 3].
+        low: least x and y of the rectangle, [2].
+        high: largest x and y, [2].
+
+    Returns:
+        bool [F].
+    """
     result = np.ones(len(faces), bool)
     for axis in (0, 1):
         a, b, c = (at[faces[:, k], axis] for k in range(3))
