@@ -350,7 +350,12 @@ def _unfold(patch: Patch, box: Array, depth: float, options: CutOptions) -> Patc
     low, high = np.array([left, bottom]) - options.slope, np.array([right, top]) + options.slope
     near = ((patch.at[:, :2] > low) & (patch.at[:, :2] < high)).all(1)
     near &= (patch.at[:, 2] > depth - options.deeper) & (patch.at[:, 2] < 1)
-    return patch._replace(at=_unfolded(patch.at, patch.faces[near[patch.faces].all(1)], np.flatnonzero(near)))
+    faces = patch.faces[near[patch.faces].all(1)]
+    if not len(faces):
+        return patch
+    part = label_components(len(near), *_edges(faces).T)[faces[:, 0]]
+    faces = faces[part == np.bincount(part).argmax()]  # not what floats before the wall
+    return patch._replace(at=_unfolded(patch.at, faces, np.unique(faces)))
 
 
 def _unfolded(at: Array, faces: Index, free: Index) -> Array:

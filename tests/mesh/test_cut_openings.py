@@ -12,6 +12,7 @@ from mgf_engine.mesh.cut_openings import CutOptions, WallOpenings, cut_openings
 from mgf_engine.mesh.extend_planes import ON_PLANE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.openings.wall_frame import WallFrame
+from tests.support.sheets import box as cuboid
 from tests.support.sheets import joined, sheet
 
 LINE = np.arange(0, 151.0, 1.5)
@@ -91,6 +92,17 @@ def test_slopes_that_overhang_are_unfolded():
     assert (face_normals(folded)[:, 2] < 0).any()
     result, count = cut_openings(folded, wall_of(mesh))
     assert count == 1 and from_truth(result).max() < 1e-6 and (face_normals(result)[:, 2] > -1e-6).all()
+
+
+@pytest.mark.parametrize("side", [3, 6])
+def test_a_closed_part_that_floats_beside_an_opening_stays_as_it_is(side):
+    wall, part = sloped(), cuboid(side, side, side)
+    start = len(wall.vertices)
+    vertices = np.concatenate([wall.vertices, part.vertices + np.array([81.5, 70.0, -0.8 - side])])
+    both = Mesh(vertices, np.concatenate([wall.faces, part.faces + np.int32(start)]), np.zeros_like(vertices, np.uint8))
+    result, count = cut_openings(both, wall_of(both))
+    assert count == 1 and np.isfinite(result.vertices).all()
+    np.testing.assert_allclose(result.vertices[start : len(vertices)], vertices[start:], atol=1e-9)
 
 
 def test_values_colours_and_what_lies_apart_stay():
