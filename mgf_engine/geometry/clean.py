@@ -155,14 +155,14 @@ def split_nonmanifold(mesh: Mesh) -> Mesh:
     return replace(cut, vertices=cut.vertices + DRAWN_BACK * (halfway - cut.vertices))
 
 
-def edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def edges(faces: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return an undirected key for each of the three edges of each face [3 F], and the face it belongs to."""
     a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     key = np.minimum(a, b) << 32 | np.maximum(a, b)
     return key, np.repeat(np.arange(len(faces)), 3)
 
 
-def face_neighbours(faces: NDArray[np.int32]) -> NDArray[np.int64]:
+def face_neighbours(faces: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return pairs of faces that share an edge, [E, 2]."""
     key, owner = edges(faces)
     order = np.argsort(key, kind="stable")

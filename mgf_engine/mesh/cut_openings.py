@@ -18,6 +18,7 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
+from mgf_engine.geometry.clean import edges as edge_keys
 from mgf_engine.geometry.clean import face_neighbours
 from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.normals import unit_vectors
@@ -239,9 +240,7 @@ def _with_middles(faces: Index, edges: Index, count: int) -> Index:
         edges: those with a new vertex, lower number first, in ascending order, [E, 2]; that of the k-th is count + k.
         count: number of vertices before.
     """
-    key = edges[:, 0] * count + edges[:, 1]
-    own = np.sort(np.stack([faces, np.roll(faces, -1, 1)], -1), -1)
-    own_key = own[..., 0] * count + own[..., 1]
+    key, own_key = edges[:, 0] << 32 | edges[:, 1], edge_keys(faces)[0].reshape(-1, 3)
     place = np.minimum(np.searchsorted(key, own_key), len(key) - 1)
     has = key[place] == own_key
     middle = np.where(has, count + place, -1)
@@ -266,7 +265,7 @@ def _sheet(patch: Patch, box: Array) -> Index | None:
     rows = np.flatnonzero(((x >= left) & (x <= right) & (y >= bottom) & (y <= top))[patch.faces].all(1))
     if not len(rows):
         return None
-    pairs = face_neighbours(patch.faces[rows].astype(np.int32))
+    pairs = face_neighbours(patch.faces[rows])
     part = label_components(len(rows), pairs[:, 0], pairs[:, 1])
     areas = np.bincount(part, _flat_areas(patch.at, patch.faces[rows]))
     largest = int(areas.argmax())
@@ -280,8 +279,8 @@ def _rim(patch: Patch, inside: Index, box: Array) -> Index | None:
     left, top, right, bottom = box
     faces = patch.faces[inside]
     edges = _edges(faces)
-    _, back, times = np.unique(np.sort(edges, 1), axis=0, return_inverse=True, return_counts=True)
-    rim = edges[times[back.reshape(-1)] == 1]
+    _, back, times = np.unique(edge_keys(faces)[0], return_inverse=True, return_counts=True)
+    rim = edges[times[back] == 1]
     disk = len(np.unique(faces)) - len(times) + len(faces) == 1
     if times.max() > 2 or not disk or len(np.unique(rim[:, 0])) < len(rim):
         return None

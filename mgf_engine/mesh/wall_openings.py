@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.clean import face_areas
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import render_mesh, render_parallel
 from mgf_engine.mesh.cut_openings import CutOptions, WallOpenings, overlapping
@@ -60,18 +59,15 @@ def find_wall_openings(
         photos: to take edges from.
         options: what walls and openings are.
     """
-    labelled = planes.label >= 0
-    areas = np.bincount(planes.label[labelled], face_areas(mesh)[labelled], len(planes.normals))
     free, found = np.ones(len(mesh.faces), bool), list[WallOpenings]()
-    for number in np.argsort(-areas, kind="stable"):
-        normal, own = planes.normals[number], np.flatnonzero(planes.label == number)
-        if abs(normal @ up) > np.sin(np.radians(options.upright)):
+    for number in np.argsort(-planes.area, kind="stable"):
+        normal, area = planes.normals[number], float(planes.area[number])
+        if area < options.area or abs(normal @ up) > np.sin(np.radians(options.upright)):
             continue
+        own = np.flatnonzero(planes.label == number)
         size = float(np.median(pixel[mesh.faces[own]]))
-        if areas[number] < options.area * size**2:
-            continue
         frame = _frame(normal, float(planes.offsets[number]), up, size)
-        wall = _in_wall(mesh, free, frame, own, areas[number] / size**2, options)
+        wall = _in_wall(mesh, free, frame, own, area, options)
         if wall is not None:
             found.append(wall)
             free[wall.faces] = False

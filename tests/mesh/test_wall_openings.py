@@ -15,7 +15,7 @@ UP = np.array([0.0, 1.0, 0.0])
 OTHER = np.array([100.0, 95.1, 130.0, 55.2])
 
 
-def painted(mesh, box):
+def painted(box):
     """Photos of a pane in a wall: bright where a rectangle of z = 0 is seen, whatever the mesh is."""
 
     def photo(number):
@@ -48,7 +48,7 @@ def test_openings_are_found_where_the_mesh_is_half_as_deep():
 
 def test_edges_come_from_the_photos_but_lower_ones():
     off = np.array([-1.5, -1.5, -1.5, 0.0])
-    (wall,) = found(sloped((BOX + off,)), photo=painted(None, BOX))
+    (wall,) = found(sloped((BOX + off,)), photo=painted(BOX))
     np.testing.assert_allclose(wall.boxes[0], BOX, atol=0.6)
 
 
