@@ -22,16 +22,18 @@ from shapely import LineString, Polygon, box, unary_union
 from benchmarks.buildings import BUILDINGS
 from benchmarks.job_table import print_job_table
 from benchmarks.openings import DEEP, FACING, true_openings
-from mgf_engine.drawings.facades import find_facades
+from mgf_engine.drawings.facades import FacadeOptions, find_facades
 from mgf_engine.drawings.ground import find_ground_level
-from mgf_engine.drawings.load import read_survey
-from mgf_engine.drawings.model import DrawingFrame, Survey
+from mgf_engine.drawings.load import UpOptions, read_survey
+from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
 from mgf_engine.drawings.orthophoto import Visibility
-from mgf_engine.drawings.section import cut
+from mgf_engine.drawings.section import SectionOptions, cut
 from mgf_engine.drawings.section_planes import section_frames
 from mgf_engine.evaluation.surfaces import Surface, read_surface
+from mgf_engine.jobs.job_folder import with_algorithms_of_job
 from mgf_engine.model.scene import View
-from mgf_engine.texture.texture_pipeline import choose_painting
+from mgf_engine.texture.painting import Painting
+from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 Array = NDArray[np.float64]
 _GAP = 0.3  # metres bridged in upright sections of the true mesh: its walls end below the roof
@@ -59,17 +61,25 @@ def enclosed_area(at: Array, faces: NDArray[np.int64], low: float | None = None)
     return float(sum(Polygon(part.exterior).buffer(-half).area for part in getattr(body, "geoms", [body])))
 
 
-def section_errors(survey: Survey, truth: Surface) -> list[tuple[str, float]]:
-    """Return for each section its name and by which share its area is too large."""
-    facades = find_facades(survey)
+def section_errors(
+    survey: Survey, truth: Surface, facades: list[Facade], options: SectionOptions = SectionOptions()
+) -> list[tuple[str, float]]:
+    """Return for each section its name and by which share its area is too large.
+
+    Args:
+        survey: of the job.
+        truth: the true mesh.
+        facades: of the job.
+        options: of the sections.
+    """
     ground = find_ground_level(survey, facades)
     height = float(survey.mesh.vertices[:, 2].max()) - ground.height
     wanted = ["z=1.2", f"z={0.4 * height:.2f}", f"{facades[0].name}={0.45 * facades[0].frame.size[0]:.2f}"]
     found = []
-    for frame in section_frames(survey, facades, wanted, ground.height):
-        made = cut(survey, frame)
+    for frame in section_frames(survey, facades, wanted, ground.height, options):
+        made = cut(survey, frame, options)
         upright = abs(float(frame.normal[2])) < 0.5
-        low = min(area.bounds[1] for area in made.drawing.areas) if upright else None
+        low = min((area.bounds[1] for area in made.drawing.areas), default=float(frame.low[1])) if upright else None
         true = enclosed_area(frame.to_drawing(survey.local(truth.vertices)), truth.faces, low)
         found.append((frame.name, made.area / true - 1))
     return found
@@ -97,21 +107,29 @@ def _depth(truth: Surface, point: Array, toward: Array) -> float:
     return 50.0 - 51.0 * float(share[0]) if face[0] >= 0 else -1.0
 
 
-def orthophoto_offsets(survey: Survey, scene: Path, openings: Sequence[Array], truth: Surface) -> Array:
+def orthophoto_offsets(
+    survey: Survey,
+    facades: Sequence[Facade],
+    painting: Painting,
+    scene: Path,
+    openings: Sequence[Array],
+    truth: Surface,
+) -> Array:
     """Return by how much orthophotos show corners of openings to the right and above their place, ground pixels [n, 2].
 
     Args:
         survey: of the job.
+        facades: of the job.
+        painting: the photos that paint its orthophotos.
         scene: folder with the true cameras.
         openings: corners of each, [4, 3].
         truth: the true mesh.
     """
-    painting = choose_painting(survey.normalised, survey.scene, survey.masks)
     visibility, mesh = Visibility(survey, painting), Surface(survey.mesh.vertices, survey.mesh.faces.astype(np.int64))
     true = {Path(i.name).stem: i for i in pycolmap.Reconstruction(str(scene / "sparse_truth")).images.values()}
     turn = survey.turn @ survey.georeference.rotation
     offsets = []
-    for frame in (facade.frame for facade in find_facades(survey)):
+    for frame in (facade.frame for facade in facades):
         normal = (frame.normal @ (turn @ survey.scene.to_normalised.rotation.T))[None]
         for corner in wall_corners(openings, frame.normal @ turn, truth):
             at = survey.normalise(survey.local(corner[None]))
@@ -157,11 +175,17 @@ def row(job: Path, scene: Path, spec: dict[str, Any]) -> list[str]:
     Raises:
         BadInput: the job has no mesh.
     """
-    survey, truth = read_survey(job), read_surface(scene / "truth.ply")
-    areas = ", ".join(f"{name} {100 * error:+.2f} %" for name, error in section_errors(survey, truth))
+    truth, config = read_surface(scene / "truth.ply"), with_algorithms_of_job(job, {})
+    survey = read_survey(job, options=config.algorithm(UpOptions))
+    facades = find_facades(survey, config.algorithm(FacadeOptions))
+    errors = section_errors(survey, truth, facades, config.algorithm(SectionOptions))
+    areas = ", ".join(f"{name} {100 * error:+.2f} %" for name, error in errors)
     if any(spec["lens"]):  # a job's photos are undistorted, the true cameras are not
         return [areas, *["–"] * 4]
-    off = orthophoto_offsets(survey, scene, true_openings(BUILDINGS[spec["building"]](spec["wall"])), truth)
+    options = config.algorithm(TextureOptions)
+    painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options)
+    openings = true_openings(BUILDINGS[spec["building"]](spec["wall"]))
+    off = orthophoto_offsets(survey, facades, painting, scene, openings, truth)
     away = np.hypot(*off.T)
     shares = [f"{100 * (away <= most).mean():.0f} %" for most in (1, 2)]
     return [areas, str(len(away)), *shares, f"{np.median(away):.2f}"]

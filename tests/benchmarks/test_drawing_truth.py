@@ -3,17 +3,20 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from support.finished_job import finish_job
 
 from benchmarks.buildings import BUILDINGS
-from benchmarks.drawing_truth import enclosed_area, main, wall_corners
+from benchmarks.drawing_truth import enclosed_area, main, row, wall_corners
 from benchmarks.openings import true_openings
 from benchmarks.shapes import labelled_mesh
 from mgf_engine.evaluation.surfaces import Surface
+from mgf_engine.geometry.mesh_files import write_ply
 
 
 def test_overlapping_boxes_enclose_their_union() -> None:
@@ -47,3 +50,16 @@ def test_what_is_no_job_is_refused_in_one_sentence(tmp_path: Path, capsys: pytes
     assert main([str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert error.startswith("Error: ") and error.count("\n") == 1 and str(tmp_path) in error
+
+
+def test_drawings_take_the_options_of_the_job(tmp_path: Path) -> None:
+    """A job whose own options leave small areas out of sections has none here, as in what ``mgf drawings`` makes."""
+    job = finish_job(tmp_path, photos=6)
+    write_ply(job.house.mesh, job.house.folder / "truth.ply")
+    spec = {"lens": (0.1, 0.0)}  # no corners
+    record = job.folder / "job.json"
+    written = json.loads(record.read_text(encoding="utf-8"))
+    assert "-100.00 %" not in row(job.folder, job.house.folder, spec)[0]
+    written["given"]["section_cuts.least_area"] = 1e9
+    record.write_text(json.dumps(written), encoding="utf-8")
+    assert row(job.folder, job.house.folder, spec)[0].count("-100.00 %") == 3
