@@ -47,6 +47,34 @@ def test_a_caller_that_stops_early_drops_the_rest() -> None:
     assert len(begun) < 50
 
 
+def test_an_interrupted_kernel_returns_when_all_of_its_threads_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C ends the caller's part; arrays that another thread is still writing to must not go with it."""
+    seen: list[str] = []
+    begun = threading.Event()
+
+    class Kernels:
+        @staticmethod
+        def kernel(counter: object) -> None:
+            if threading.current_thread() is threading.main_thread():
+                assert begun.wait(20)
+                raise KeyboardInterrupt
+            begun.set()
+            end = time.monotonic() + 20
+            while counter._obj.value < 1000 and time.monotonic() < end:  # type: ignore[attr-defined]
+                time.sleep(0.01)
+            seen.append("ended" if time.monotonic() < end else "not told to end")
+
+    monkeypatch.setattr(library, "library", lambda: Kernels)
+    before = library.threads()
+    library.set_threads(2)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            library.parallel("kernel", pieces=2)
+        assert seen == ["ended"]
+    finally:
+        library.set_threads(before)
+
+
 def test_opencv_gets_its_threads_back() -> None:
     before = cv2.getNumThreads()
     with pytest.raises(ValueError, match="stop"), plain_opencv():

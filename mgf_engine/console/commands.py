@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import contextlib
 import logging
@@ -20,6 +21,8 @@ from mgf_engine.messages import Reporter
 from mgf_engine.options.algorithms import algorithm_values, check_used
 from mgf_engine.options.user_input import option_pairs, read_config
 
+#: Seconds after Ctrl-C until a command stops wherever it is that writes its files beside the old ones.
+PATIENCE = 0.5
 #: What whoever presses Ctrl-C reads at once: the next step may be some seconds away.
 STOPPING = "Stopping at the next step; Ctrl-C again stops at once."
 
@@ -53,16 +56,21 @@ def read_number(flag: str, text: str | None, what: str) -> float | None:
     return value
 
 
-def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object]) -> int:
+def run_reported(args: argparse.Namespace, work: Callable[[Reporter], object], patience: float | None = None) -> int:
     """Do the work with a reporter in the style that was asked for; returns the exit code.
 
     Whatever ends it early is one ``failed`` message, as of a job.
+
+    Args:
+        args: of the command.
+        work: what it does.
+        patience: seconds after Ctrl-C from which the work is stopped wherever it is; None where it has to reach a step.
     """
     if not logging.getLogger("mgf").handlers:  # without a job's log, Python would print warnings a second time
         logging.getLogger("mgf").addHandler(logging.NullHandler())
     reporter = Reporter(make_sink(args.progress))
     try:
-        with watch_for_cancel(reporter, args.cancel_on_eof):
+        with watch_for_cancel(reporter, args.cancel_on_eof, patience):
             work(reporter)
         return EXIT_DONE
     except (Exception, KeyboardInterrupt) as error:
@@ -94,22 +102,33 @@ def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None
 
 
 @contextlib.contextmanager
-def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
+def watch_for_cancel(reporter: Reporter, on_eof: bool, patience: float | None = None) -> Iterator[None]:
     """Have Ctrl-C and SIGTERM ask the job inside to stop at its next step; a second Ctrl-C stops it at once.
 
     The caller's own signal handlers come back at the end. pycolmap, which nearly all commands need, is loaded here: it
     takes SIGTERM for itself then, to end the process with a stack trace, and has to give it back.
+
+    Args:
+        reporter: of the job.
+        on_eof: stop at the end of standard input, too.
+        patience: seconds after which the second Ctrl-C comes by itself, None for never.
     """
 
     def ask(number: int, frame: object) -> None:
         reporter.cancel()
+        # The handler of whoever called knows how to stop while modules are being loaded.
+        second = before[signal.SIGINT] if callable(before[signal.SIGINT]) else signal.default_int_handler
+        signal.signal(signal.SIGINT, second)
         if number == signal.SIGINT:  # a thread says so: the sinks' locks may be held where the signal came
             answers.append(threading.Thread(target=_say_stopping, args=(reporter,)))
             answers[-1].start()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if patience is not None:
+            answers.append(threading.Thread(target=_stop_at_once, args=(patience, ended)))
+            answers[-1].start()
 
     answers: list[threading.Thread] = []
-    before = {}
+    ended = threading.Event()
+    before: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
         before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
         import pycolmap  # noqa: F401
@@ -120,16 +139,28 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool) -> Iterator[None]:
     try:
         yield
     finally:
+        if answers:  # a second Ctrl-C that is just being sent is not the caller's
+            signal.signal(signal.SIGINT, lambda *_: None)
+        ended.set()
+        for answer in answers:
+            answer.join()
         for number, handler in before.items():
             if handler is not None:  # one that C set cannot be set again from here
                 signal.signal(number, handler)
-        for answer in answers:
-            answer.join()
 
 
 def _say_stopping(reporter: Reporter) -> None:
     with contextlib.suppress(OSError):  # nobody reads any more
         reporter.send("stopping", text=STOPPING)
+
+
+def _stop_at_once(patience: float, ended: threading.Event) -> None:
+    """Send the main thread the second Ctrl-C, unless it has ended by then."""
+    if not ended.wait(patience):
+        if sys.platform == "win32":
+            _thread.interrupt_main()
+        else:  # which ends its waiting for locks and threads as well
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
 def _cancel_on_eof(reporter: Reporter) -> None:

@@ -7,7 +7,7 @@ import argparse
 import math
 import re
 
-from mgf_engine.console.commands import read_algorithm_options, read_number, run_reported
+from mgf_engine.console.commands import PATIENCE, read_algorithm_options, read_number, run_reported
 from mgf_engine.console.shared_arguments import (
     add_algorithm_arguments,
     add_job_argument,
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def drawings_command(args: argparse.Namespace) -> int:
     """Draw everything that was asked for; returns the exit code."""
-    return run_reported(args, lambda reporter: _draw(args, reporter))
+    return run_reported(args, lambda reporter: _draw(args, reporter), PATIENCE)
 
 
 def _draw(args: argparse.Namespace, reporter: Reporter) -> None:

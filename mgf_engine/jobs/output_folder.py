@@ -137,10 +137,25 @@ def atomic_folder(folder: Path) -> Iterator[Path]:
         raise BadInput(f"Cannot write to '{folder.parent}' ({error.strerror}); give --out another folder.") from error
     try:
         yield beside
-        if folder.exists():
-            shutil.rmtree(folder)
         beside.chmod(0o755)
-        beside.rename(folder)
+        _swap(beside, folder)
     except BaseException:
         shutil.rmtree(beside, ignore_errors=True)
         raise
+
+
+def _swap(beside: Path, folder: Path) -> None:
+    """Put a folder in the place of another one, which stays where it is if that fails."""
+    if not folder.exists():
+        beside.rename(folder)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".old-{folder.name}-", dir=folder.parent))
+    try:
+        folder.rename(old / folder.name)
+        beside.rename(folder)
+    except BaseException:
+        if not folder.exists():
+            (old / folder.name).rename(folder)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 
-from mgf_engine.console.commands import read_algorithm_options, read_number, run_reported
+from mgf_engine.console.commands import PATIENCE, read_algorithm_options, read_number, run_reported
 from mgf_engine.console.shared_arguments import (
     add_algorithm_arguments,
     add_job_argument,
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def models_command(args: argparse.Namespace) -> int:
     """Make everything that was asked for; returns the exit code."""
-    return run_reported(args, lambda reporter: _make(args, reporter))
+    return run_reported(args, lambda reporter: _make(args, reporter), PATIENCE)
 
 
 def _make(args: argparse.Namespace, reporter: Reporter) -> None:

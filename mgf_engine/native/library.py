@@ -42,6 +42,8 @@ ITEMS_PER_PIECE = {
 S = TypeVar("S")
 T = TypeVar("T")
 _threads = 0
+#: Of a counter of pieces: work loops end at their next one.
+_NO_PIECES_LEFT = 2**30
 _pool: ThreadPoolExecutor | None = None
 _side: ThreadPoolExecutor | None = None  # for map_on_kernel_threads
 _current: ctypes.CDLL | None = None
@@ -172,11 +174,16 @@ def parallel(name: str, *arguments: Any, pieces: int | None = None) -> None:
     counter = ctypes.c_int32(0)
     converted = [ctypes.byref(counter), *map(_to_c, arguments)]
     workers: list[Future[None]] = []
-    if own_threads() > 1 and _pool is not None:
-        workers = [_pool.submit(function, *converted) for _ in range(min(_threads, pieces) - 1)]
-    function(*converted)
-    for worker in workers:
-        worker.result()
+    try:
+        if own_threads() > 1 and _pool is not None:
+            for _ in range(min(_threads, pieces) - 1):
+                workers.append(_pool.submit(function, *converted))
+        function(*converted)
+        for worker in workers:
+            worker.result()
+    finally:  # after Ctrl-C others may still be at work in arrays that are about to go
+        counter.value = _NO_PIECES_LEFT
+        wait(workers)
 
 
 def by_reference(struct: ctypes.Structure) -> ctypes.c_void_p:

@@ -7,6 +7,7 @@ import argparse
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -51,6 +52,49 @@ def test_ctrl_c_is_answered_at_once(style: str, capfd: pytest.CaptureFixture[str
     assert run_reported(argparse.Namespace(progress=style, cancel_on_eof=False), work) == EXIT_CANCELLED
     assert STOPPING + "\n" in "".join(said)
     assert capfd.readouterr().err.strip().endswith("Cancelled; what was there before is unchanged.")
+
+
+def test_ctrl_c_stops_work_without_steps_where_nothing_can_be_lost() -> None:
+    """A large mesh is read and modules are loaded between two steps, which takes many seconds on a busy machine."""
+    seen: list[str] = []
+
+    def work(reporter: Reporter) -> None:
+        signal.raise_signal(signal.SIGINT)
+        try:
+            end = time.monotonic() + 60
+            while time.monotonic() < end:
+                time.sleep(0.01)
+            seen.append("end")
+        finally:
+            seen.append("cleaned up")
+
+    args = argparse.Namespace(progress="none", cancel_on_eof=False)
+    assert run_reported(args, work, patience=0.1) == EXIT_CANCELLED
+    assert seen == ["cleaned up"]
+
+
+def test_a_thread_that_is_waited_for_does_not_keep_ctrl_c_from_stopping() -> None:
+    free = threading.Event()
+
+    def work(reporter: Reporter) -> None:
+        signal.raise_signal(signal.SIGINT)
+        try:
+            free.wait(60)
+        finally:
+            free.set()
+
+    args = argparse.Namespace(progress="none", cancel_on_eof=False)
+    assert run_reported(args, work, patience=0.1) == EXIT_CANCELLED
+
+
+def test_no_second_ctrl_c_comes_to_work_that_has_stopped() -> None:
+    def work(reporter: Reporter) -> None:
+        signal.raise_signal(signal.SIGINT)
+        reporter.check()
+
+    args = argparse.Namespace(progress="none", cancel_on_eof=False)
+    assert run_reported(args, work, patience=0.3) == EXIT_CANCELLED
+    time.sleep(0.6)  # KeyboardInterrupt here would end the tests
 
 
 SIGTERM_BESIDE_PYCOLMAP = """

@@ -34,6 +34,25 @@ def test_a_failure_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> Non
     assert [p.name for p in out.iterdir()] == ["old.txt"] and list(tmp_path.iterdir()) == [out]
 
 
+def test_ctrl_c_while_the_folders_change_places_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "drawings"
+    out.mkdir()
+    (out / "old.txt").touch()
+    rename = Path.rename
+
+    def interrupted(self: Path, target: Path) -> Path:
+        if (self / "new.txt").exists():
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic_folder(out) as beside:
+        (beside / "new.txt").touch()
+    assert [p.name for p in out.iterdir()] == ["old.txt"] and list(tmp_path.iterdir()) == [out]
+
+
 def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").touch()
     with pytest.raises(BadInput, match="holds no drawings"):
