@@ -118,7 +118,10 @@ def explain(
     if isinstance(error, FileNotFoundError) and error.filename is None:  # where a relative path begins
         return EXIT_BAD_INPUT, "The current folder is gone; go to another one."
     if isinstance(error, OSError) and error.errno in _NO_ACCESS:
-        return EXIT_BAD_INPUT, f"No permission for '{error.filename}'; change its permissions or give another folder."
+        shown = Path(error.filename) if isinstance(error.filename, str) else place
+        if shown is not None and shown.name.startswith(".part-"):  # where it was to be written is what is locked
+            shown = shown.parent
+        return EXIT_BAD_INPUT, f"No permission for '{shown}'; change its permissions or give another folder."
     if isinstance(error, OSError) and error.errno in _BAD_PATH:
         path = str(error.filename)[-60:]
         return EXIT_BAD_INPUT, f"Cannot use the path '{path}' ({error.strerror}); give another one."

@@ -36,8 +36,9 @@ if TYPE_CHECKING:
     from mgf_engine.jobs.job import Job
 
 #: Environment variables that numpy and torch read when they are imported: the engine's own threads use every core, and
-#: busy-waiting threads of these libraries would compete with them (it doubles the time of the masks).
-ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
+#: busy-waiting threads of these libraries would compete with them (it doubles the time of the masks). OpenCV would
+#: print lines of its own about photos that it cannot read, which a warning names.
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE", "OPENCV_LOG_LEVEL": "SILENT"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -33,6 +33,7 @@ def write_geotiff(path: Path, bands: NDArray[Any], grid: Grid, survey: Survey, t
     """
     import rasterio
     from rasterio.enums import ColorInterp, Resampling
+    from rasterio.io import MemoryFile
 
     colored = bands.ndim == 3
     planes = np.moveaxis(bands, 2, 0) if colored else bands[None]
@@ -45,14 +46,16 @@ def write_geotiff(path: Path, bands: NDArray[Any], grid: Grid, survey: Survey, t
         profile["photometric"] = "RGB"
     else:
         profile["nodata"] = float("nan")
-    with atomic_path(path) as temporary:
-        with rasterio.open(temporary, "w", **profile) as file:
+    with MemoryFile(ext=path.suffix) as memory:  # GDAL does not say that a disk is full
+        with memory.open(**profile) as file:
             if colored:
                 file.colorinterp = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha]
             file.write(planes)
             file.update_tags(**frame_tags(grid.frame, survey), **tags)
-        with rasterio.open(temporary, "r+") as file:
+        with rasterio.open(memory.name, "r+") as file:
             file.build_overviews(_overviews(grid), Resampling.average)
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(memory.getbuffer())
 
 
 def placement(grid: Grid, survey: Survey) -> dict[str, Any]:

@@ -36,8 +36,9 @@ def find_model(source: Path, exclude: Path | None = None) -> Path | None:
         exclude: a folder whose models are not looked at (the job's own); other jobs' folders never are.
 
     Raises:
-        BadInput: the only model found lacks one of its three files.
+        BadInput: the only model found lacks one of its three files, or the folder of models cannot be read.
     """
+    refuse_locked([source, source / "sparse"])
     complete: list[tuple[tuple[bool, int, int], Path]] = []
     partial: list[Path] = []
     for rank, folder in _candidates(source, exclude):
@@ -119,7 +120,8 @@ def find_photos(
         cannot be read (:mod:`mgf_engine.scene.unreadable`).
 
     Raises:
-        BadInput: fewer than three photos are there, more than may are missing, or two files fit one name equally well.
+        BadInput: fewer than three photos are there, more than may are missing, two files fit one name equally well, or
+            their folder cannot be read.
     """
     found: dict[str, Path] = {}
     expected = source / "images"
@@ -139,6 +141,8 @@ def find_photos(
             if len(fits) == 1:
                 found[name] = fits[0]
                 missing.remove(name)
+    if missing:
+        refuse_locked([place for place in _photo_places(model, source) if place.name == "images"])
     if missing and (doubtful or too_many_lost(len(missing), len(names), most_missing)):
         raise BadInput(
             f"{len(missing)} of {len(names)} photos of the COLMAP model are not there (first: '{missing[0]}'); "
@@ -158,9 +162,13 @@ def list_photos(source: Path, exclude: Path | None = None) -> tuple[Path, list[s
 
     ``images`` (or ``photos``, ``input``) below the source is taken where it has photos, else the source with all its
     subfolders.
+
+    Raises:
+        BadInput: one of these folders cannot be read.
     """
     for name in ("images", "photos", "input", ""):
         root = source / name if name else source
+        refuse_locked([root])
         photos = [p for p in _walk(root, exclude) if p.suffix.lower() in PHOTO_KINDS] if root.is_dir() else []
         if photos:
             return root, sorted(p.relative_to(root).as_posix() for p in photos)
@@ -185,6 +193,17 @@ def too_few_photos(root: Path, count: int, fewest: int, exclude: Path | None = N
     return BadInput(
         f"'{root}' holds no COLMAP model and too few photos ({count}); give a COLMAP scene or at least {fewest} photos."
     )
+
+
+def refuse_locked(folders: list[Path]) -> None:
+    """Refuse folders that one may not look into: what they hold must not count as missing.
+
+    Raises:
+        BadInput: there is one.
+    """
+    for folder in folders:
+        if os.path.isdir(folder) and not os.access(folder, os.R_OK | os.X_OK):
+            raise BadInput(f"No permission for '{folder}'; change its permissions or give another folder.")
 
 
 def _candidates(source: Path, exclude: Path | None) -> list[tuple[int, Path]]:

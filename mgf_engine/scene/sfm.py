@@ -55,6 +55,11 @@ class SfmOptions:
     retry_below: float = parameter(
         0.95, "Share of registered photos below which affine-covariant features are tried as well", high=1
     )
+    retry_matches: int = parameter(
+        20,
+        "Number of matches with another photo from which a photo that was left out is worth the second attempt",
+        low=0,
+    )
     matching: str = job_option("matching")
     seed: int = job_option("seed")
     threads: int = job_option("threads")
@@ -92,6 +97,7 @@ def run_sfm(
         "exhaustive": options.exhaustive(len(names)), "seed": options.seed, "threads": options.threads or -1,
         "longest_side": options.longest_side, "features": options.features, "neighbours": options.neighbours,
         "similar": options.similar, "retry_below": options.retry_below,
+        "retry_matches": options.retry_matches,
     }  # fmt: skip
     _prepare_folder(folder, task)
     if not (folder / MODEL / "points3D.bin").exists():

@@ -9,9 +9,9 @@ spaces; the model gets the real names back.
 
 The first attempt has plain SIFT features. They change with the angle that a surface is seen at, and around the corners
 of a building too few match: the mapper then makes several small models. The second attempt, for photos that the first
-one cannot place, has features whose shape is adapted to the surface (affine-covariant, Mikolajczyk and Schmid 2004) and
-whose descriptors are pooled over its sizes (Dong and Soatto 2015); they take longer to find. COLMAP's thresholds stay
-as they are: with lower ones photos are placed wrongly.
+one cannot place although they match others, has features whose shape is adapted to the surface (affine-covariant,
+Mikolajczyk and Schmid 2004) and whose descriptors are pooled over its sizes (Dong and Soatto 2015); they take longer to
+find. COLMAP's thresholds stay as they are: with lower ones photos are placed wrongly.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def main(folder: Path) -> int:
     pycolmap.set_random_seed(task["seed"])
     best, photos = _attempt(folder / PLAIN, task, affine=False)
     placed = best.num_reg_images() if best else 0
-    if placed < task["retry_below"] * photos:
+    if placed < task["retry_below"] * photos and _may_match(folder / PLAIN, best, task["retry_matches"]):
         _say(f"again {placed}")
         second, _ = _attempt(folder / AFFINE, task, affine=True)
         best = second if second and second.num_reg_images() > placed else best
@@ -53,6 +53,22 @@ def main(folder: Path) -> int:
     best.extract_colors_for_all_images(task["root"])
     _write(best, folder / MODEL)
     return 0
+
+
+def _may_match(folder: Path, best: pycolmap.Reconstruction | None, matches: int) -> bool:
+    """Tell whether a photo that was left out shares so many verified matches with any other one.
+
+    Where none does, the photos show other things, and no features match them.
+    """
+    with pycolmap.Database.open(folder / DATABASE) as database:
+        pairs, inliers = database.read_two_view_geometry_num_inliers()
+    placed = set(best.reg_image_ids()) if best else set()
+    left_out = (
+        count
+        for pair, count in zip(pairs, inliers, strict=True)
+        if not placed.issuperset(pycolmap.pair_id_to_image_pair(pair))
+    )
+    return max(left_out, default=0) >= matches
 
 
 def _attempt(folder: Path, task: dict[str, Any], affine: bool) -> tuple[pycolmap.Reconstruction | None, int]:

@@ -277,6 +277,7 @@ def test_an_empty_path_is_not_this_folder(arguments: list[str], capsys) -> None:
         (OSError(errno.ENOSPC, "No space left on device"), 2, "The disk is full"),
         (OSError(errno.ENOSPC, "No space left on device", "/far/off/mesh.ply"), 2, "The disk of '/far/off' is full"),
         (PermissionError(errno.EACCES, "Permission denied", "x"), 2, "No permission for 'x'"),
+        (PermissionError(errno.EACCES, "Permission denied", "job/.part-x1y2.json"), 2, "No permission for 'job'"),
         (MemoryError(), 2, "Out of memory"),
         (KeyboardInterrupt(), 3, "Cancelled"),
         (ZeroDivisionError("oops"), 1, "Unexpected error: ZeroDivisionError: oops"),

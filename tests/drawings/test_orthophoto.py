@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,12 @@ from support.finished_job import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.facades import facade_through, find_facades
+from mgf_engine.drawings.geotiff import write_geotiff
 from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.orthophoto import unseen_text
 from mgf_engine.drawings.project import plan_grid, render_grid
-from mgf_engine.errors import BadInput
+from mgf_engine.errors import BadInput, is_full_disk
 
 
 def edges_of_dark(dark: np.ndarray) -> list[tuple[float, float]]:
@@ -104,6 +106,25 @@ def test_a_facade_beside_the_building_is_refused(finished: FinishedJob) -> None:
     points = np.array([(50.0, 50, 0), (58, 50, 0), (58, 50, 3)])
     with pytest.raises(BadInput, match="misses the building by"):
         facade_through(survey, points, "facade-1")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of file sizes stands in for a full disk there")
+def test_a_full_disk_is_no_fault_of_gdal(finished: FinishedJob, tmp_path: Path) -> None:
+    import resource
+    import signal
+
+    survey = read_survey(finished.folder)
+    grid = plan_grid(find_facades(survey)[0].frame, 0.005)
+    noise = np.random.default_rng(0).integers(0, 256, (grid.height, grid.width, 4)).astype(np.uint8)
+    before, ignored = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(OSError) as raised:
+            write_geotiff(tmp_path / "a.tif", noise, grid, survey, {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert is_full_disk(raised.value) and not list(tmp_path.iterdir())
 
 
 def test_too_fine_a_resolution_is_refused_in_millimetres_with_one_that_fits() -> None:

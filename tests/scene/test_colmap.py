@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shutil
 import struct
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from support.model_places import SEVERAL, write_project
 from benchmarks.synthetic.colmap_scene import photo_of, reconstruction, write_model, write_photo, write_scene
 from mgf_engine.errors import BadInput
 from mgf_engine.jobs.estimate import inspect_photos
-from mgf_engine.scene.colmap import find_model, find_photos, list_photos, plain_name, read_model
+from mgf_engine.scene.colmap import find_model, find_photos, list_photos, photo_names, plain_name, read_model
 
 PARTS = ("cameras", "images", "points3D", "rigs", "frames")
 
@@ -389,3 +390,29 @@ def test_photos_of_kinds_that_are_not_read_are_called_so(tmp_path: Path) -> None
     (tmp_path / "IMG_2.heic").unlink()
     with pytest.raises(BadInput, match=r"too few photos \(1\)"):
         inspect_photos(tmp_path)
+
+
+@pytest.mark.parametrize("locked", ["sparse", "images", ""])
+def test_a_folder_that_may_not_be_read_is_not_taken_for_a_missing_one(
+    locked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A model that was not seen would be computed anew from the photos, without a word."""
+    write_model(reconstruction(), tmp_path / "sparse", ".bin")
+    (tmp_path / "images").mkdir()
+    folder, isfile, access = tmp_path / locked, os.path.isfile, os.access
+    monkeypatch.setattr(os, "access", lambda path, how: path != folder and access(path, how))
+    monkeypatch.setattr(os.path, "isfile", lambda path: folder not in Path(path).parents and isfile(path))
+    with pytest.raises(BadInput, match=f"No permission for '{re.escape(str(folder))}'; change its permissions"):
+        model = find_model(tmp_path)
+        assert model is not None
+        find_photos(photo_names(model), model, tmp_path)
+
+
+def test_photos_in_a_folder_that_may_not_be_read_are_not_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "images").mkdir()
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, how: path != tmp_path / "images" and access(path, how))
+    with pytest.raises(BadInput, match="No permission for"):
+        list_photos(tmp_path)

@@ -119,11 +119,32 @@ def test_an_interrupted_second_attempt_is_taken_up(far_apart: Path, tmp_path: Pa
     assert "features" not in {_step(m) for m in again.sent}  # those of the first attempt
 
 
-def test_the_first_attempt_is_kept_where_the_second_places_no_more(photos: Path, tmp_path: Path) -> None:
+def test_photos_of_something_else_are_not_searched_twice(photos: Path, tmp_path: Path) -> None:
     shutil.copytree(photos, tmp_path / "photos")
     write_photo(tmp_path / "photos" / "fog.png", np.full((SIZE[1], SIZE[0], 3), 128, np.uint8))
     messages = Messages()
     scene = load(tmp_path / "photos", tmp_path / "job", messages)
+    assert len(scene.views) == VIEWS and scene.left_out == ("fog.png",)
+    assert not (tmp_path / "job" / "scene" / "sfm" / "affine").exists()
+    assert not [text for text in messages.warnings if "at first" in text]
+
+
+def test_unrelated_photos_are_not_searched_twice(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    for i in range(4):
+        small = random.integers(0, 256, (30, 40, 3)).astype(np.uint8)
+        write_photo(tmp_path / "photos" / f"{i}.png", cv2.resize(small, SIZE, interpolation=cv2.INTER_CUBIC))
+    messages = Messages()
+    with pytest.raises(BadInput, match="No cameras could be found from the 4 photos"):
+        load(tmp_path / "photos", tmp_path / "job", messages)
+    assert not (tmp_path / "job" / "scene" / "sfm" / "affine").exists()
+
+
+def test_the_first_attempt_is_kept_where_the_second_places_no_more(photos: Path, tmp_path: Path) -> None:
+    shutil.copytree(photos, tmp_path / "photos")
+    write_photo(tmp_path / "photos" / "fog.png", np.full((SIZE[1], SIZE[0], 3), 128, np.uint8))
+    messages = Messages()
+    scene = load(tmp_path / "photos", tmp_path / "job", messages, **{"structure_from_motion.retry_matches": 0})
     assert len(scene.views) == VIEWS and scene.left_out == ("fog.png",)
     sfm_folder = tmp_path / "job" / "scene" / "sfm"
     kept, first, second = (
