@@ -15,6 +15,7 @@ building   millions of working pixels that show the building, all photos togethe
 measured   photos that are compared with their renderings: those kept out, and three more
 surface    the same where training starts on a surface, else 0; ``block_surface`` of one block
 unplaced   photos whose cameras are to be found (0 with a COLMAP model)
+found      millions of pixels of a photo while its features are found for that
 pairs      pairs of those that are matched
 passes     iterations of the training
 gaussians  Gaussians, in 100,000; ``block_gaussians`` of one block
@@ -39,13 +40,17 @@ Terms = dict[str, float]
 #: that is fewer, ``least`` + ``per_pixel`` times the building's pixels; ``by_gradient`` in their place where the
 #: gradient says what is cloned and split, which follows the texture and not the pixels. ``measured``: photos rendered
 #: for the metrics besides the held-out ones. ``pairs``: photos that each photo is matched with where not all are.
-#: ``speed``: limits of the measured speed of a machine. ``threads``: number from which more threads bring nothing.
+#: ``second_attempt``: what structure from motion takes besides, on as many cores as the stage, where the first attempt
+#: leaves out many photos. ``features_side``: longest side of the photos meanwhile, pixels. ``speed``: limits of the
+#: measured speed of a machine. ``threads``: number from which more threads bring nothing.
 COSTS: dict[str, Any] = {
     "stages": {stage.name: stage.cost for stage in STAGES},
     "building": 0.4,
     "gaussians": {"grown": 0.9, "untrained": 0.5, "least": 25_000, "per_pixel": 0.007, "by_gradient": 40_000},
     "measured": 3,
     "pairs": 25,
+    "second_attempt": {"unplaced": 0.7, "unplaced found": 7.5, "pairs": 0.012, "pairs found": 0.06},
+    "features_side": 1600,
     "speed": [0.1, 10.0],
     "threads": 16,
 }
@@ -61,6 +66,13 @@ def seconds_of(stage: str, quantities: dict[str, float]) -> float:
     cost = COSTS["stages"][stage]
     threads = min(COSTS["threads"], quantities["threads"])
     return amount(cost["cpu"], quantities) * (cost["serial"] + (1 - cost["serial"]) / threads)
+
+
+def second_attempt_seconds(quantities: dict[str, float]) -> float:
+    """Return the wall time of a second attempt of structure from motion on the reference machine, seconds."""
+    threads = min(COSTS["threads"], quantities["threads"])
+    serial = COSTS["stages"]["scene"]["serial"]
+    return amount(COSTS["second_attempt"], quantities) * (serial + (1 - serial) / threads)
 
 
 def bytes_of(stage: str, quantities: dict[str, float]) -> float:

@@ -108,7 +108,10 @@ STAGES: tuple[Stage, ...] = (
         inputs="photos",
         outputs=(Output("scene"), Output("scene/scene.npz", required=True)),
         cost={
-            "cpu": {"": 0.2, "photos taken": 0.045, "photos pixels": 0.025, "unplaced": 0.8, "pairs": 0.04},
+            "cpu": {
+                "": 0.2, "photos taken": 0.045, "photos pixels": 0.025,
+                "unplaced found": 3.0, "pairs": 0.012, "pairs found": 0.06,
+            },
             "serial": 0.3,
             "bytes": {"": 0.42e9, "photos pixels": 3.5e6, "threads taken": 17e6, "unplaced": 4e6},
         },

@@ -87,7 +87,7 @@ def quantities(options: bpy.types.PropertyGroup, photos: PhotoSizes) -> dict[str
     return {
         "photos": count, "pixels": pixels, "taken": photos.size[0] * photos.size[1] / 1e6, "building": building,
         "surface": surface, "block_surface": surface / options.blocks,
-        "unplaced": 0, "pairs": 0,
+        "unplaced": 0, "found": 0, "pairs": 0,
         "passes": passes,
         "measured": held_out + COSTS["measured"],
         "gaussians": gaussians, "block_gaussians": gaussians / options.blocks,

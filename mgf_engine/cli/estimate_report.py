@@ -28,6 +28,7 @@ def estimate_to_dict(estimate: Estimate, config: Config, photos: PhotoSummary, b
         "iterations": amounts["passes"], "threads": amounts["threads"],
         "stages": {s: {"seconds": round(seconds[s], 1), "bytes": round(memory[s])} for s in seconds},
         "seconds": round(sum(seconds.values()), 1), "bytes": round(max(memory.values())),
+        "second_attempt": round(estimate.second_attempt, 1),
         "allowed": round(budget), "shortage": shortage(config, photos, budget, list(seconds)),
     }  # fmt: skip
 
@@ -42,5 +43,8 @@ def format_estimate(data: dict[str, Any]) -> str:
     for name, stage in data["stages"].items():
         lines.append(f"{name:<10}{format_duration(stage['seconds']):>14}{stage['bytes'] / GB:>9.1f} GB")
     lines.append(f"{'together':<10}{format_duration(data['seconds']):>14}{data['bytes'] / GB:>9.1f} GB")
+    if data["second_attempt"]:
+        longer = format_duration(data["second_attempt"])
+        lines += ["", f"{longer} more where structure from motion has to run twice, because photos are far apart."]
     lines += ["", f"{data['allowed'] / GB:.1f} GB may be used."]
     return "\n".join([*lines, data["shortage"]] if data["shortage"] else lines)

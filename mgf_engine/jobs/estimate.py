@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mgf_engine.costs import COSTS, bytes_of, least_bytes_of, seconds_of
+from mgf_engine.costs import COSTS, bytes_of, least_bytes_of, second_attempt_seconds, seconds_of
 from mgf_engine.errors import BadInput
 from mgf_engine.files.images import UnreadablePhoto, read_infos
 from mgf_engine.jobs.machine_speed import known_speed
@@ -47,10 +47,18 @@ class PhotoSummary:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Time in seconds and peak memory in bytes of each stage, by its name."""
+    """What a job will take.
+
+    Attributes:
+        seconds: of each stage, by its name.
+        memory: peak of each stage in bytes, by its name.
+        second_attempt: seconds that the stage ``scene`` takes longer where structure from motion runs twice; 0 where
+            the cameras are known.
+    """
 
     seconds: dict[str, float]
     memory: dict[str, float]
+    second_attempt: float = 0.0
 
     @property
     def largest(self) -> str:
@@ -98,6 +106,7 @@ def quantities(config: Config, photos: PhotoSummary) -> dict[str, float]:
     count = min(photos.count, config.max_photos or photos.count)
     long, short = photos.size
     pixels = min(config.resolution, long) ** 2 * short / long / 1e6
+    found = min(COSTS["features_side"], long) ** 2 * short / long / 1e6
     held_out = count // config.holdout_every if config.holdout_every else 0
     all_pairs = photos.count * (photos.count - 1) / 2
     passes = config.run_length(max(1, count - held_out))
@@ -110,7 +119,7 @@ def quantities(config: Config, photos: PhotoSummary) -> dict[str, float]:
     return {
         "photos": count, "pixels": pixels, "taken": long * short / 1e6, "building": building,
         "surface": surface, "block_surface": surface / config.blocks,
-        "unplaced": 0 if photos.placed else photos.count,
+        "unplaced": 0 if photos.placed else photos.count, "found": found,
         "pairs": 0 if photos.placed else min(all_pairs, COSTS["pairs"] * photos.count),
         "passes": passes,
         "measured": held_out + COSTS["measured"],
@@ -139,4 +148,5 @@ def estimate(
     """
     amounts, factor = quantities(config, photos), known_speed() if speed is None else speed
     memory = {s: max(least_bytes_of(s, amounts), min(budget, bytes_of(s, amounts))) for s in stages}
-    return Estimate({s: factor * seconds_of(s, amounts) for s in stages}, memory)
+    twice = factor * second_attempt_seconds(amounts) if "scene" in stages else 0.0
+    return Estimate({s: factor * seconds_of(s, amounts) for s in stages}, memory, twice)
