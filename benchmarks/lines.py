@@ -4,8 +4,8 @@
 Each job is of a generated scene and has its mesh. The true mesh is seen along the same parallel rays, in pixels of a
 quarter of a ground pixel; its edges are outlines, steps in depth of half a ground pixel or more, and creases of five
 degrees or more. Lines are precise where a true edge is within one ground pixel (or two); recall is the share of true
-outlines and of steps of three pixels or more with a line within two. Edges of openings are the mesh's here: the photos,
-which ``mgf drawings`` looks at, too, are left out.
+outlines and of steps of three pixels or more with a line within two. Lines are those of ``mgf drawings``, which come
+to where the photos have them.
 """
 
 from __future__ import annotations
@@ -24,12 +24,16 @@ from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades, plan_frame
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import DrawingFrame, Polyline
+from mgf_engine.drawings.openings import elevation_photos
+from mgf_engine.drawings.orthophoto import Visibility
+from mgf_engine.drawings.photo_lines import PhotoLineOptions
 from mgf_engine.drawings.project import plan_grid
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.evaluation.surfaces import read_surface
 from mgf_engine.geometry.rasterize import render_parallel
 from mgf_engine.jobs.job_folder import with_algorithms_of_job
 from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.texture.texture_pipeline import TextureOptions, choose_painting
 
 Array = NDArray[np.float64]
 FINE = 0.25  # ground pixels of the true mesh's pictures, and between points of lines
@@ -124,9 +128,13 @@ def score(job: Path, scene: Path) -> Score:
     survey = read_survey(job, options=config.algorithm(UpOptions))
     planes = survey_planes(survey, config.algorithm(PlanarOptions))
     facades = find_facades(survey, config.algorithm(FacadeOptions))
+    options = config.algorithm(TextureOptions)
+    painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options)
+    visibility = Visibility(survey, painting)
+    photos = elevation_photos(survey, painting, visibility, config.algorithm(PhotoLineOptions))
     scores = []
     for frame in (*(facade.frame for facade in facades), plan_frame(survey, facades)):
-        drawing = draw_elevation(survey, planes, frame, config.algorithm(ElevationOptions))
+        drawing = draw_elevation(survey, planes, frame, config.algorithm(ElevationOptions), photos)
         at = frame.to_drawing(survey.local(truth.vertices))
         edges = true_edges(at, truth.faces, frame, survey.working_pixel)
         scores.append(compare(drawing.lines, edges, survey.working_pixel))

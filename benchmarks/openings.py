@@ -26,6 +26,7 @@ from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import DrawingFrame, Survey
 from mgf_engine.drawings.openings import elevation_photos
 from mgf_engine.drawings.orthophoto import Visibility
+from mgf_engine.drawings.photo_lines import PhotoLineOptions
 from mgf_engine.drawings.regions import survey_planes
 from mgf_engine.evaluation.surfaces import Surface, read_surface
 from mgf_engine.geometry.boxes import intersection_over_union
@@ -120,7 +121,8 @@ def score(job: Path, scene: Path, spec: dict[str, Any]) -> Score:
     planes = survey_planes(survey, config.algorithm(PlanarOptions))
     options = config.algorithm(TextureOptions)
     painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options)
-    photos = elevation_photos(survey, painting, Visibility(survey, painting))
+    visibility = Visibility(survey, painting)
+    photos = elevation_photos(survey, painting, visibility, config.algorithm(PhotoLineOptions))
     scores = []
     for facade in find_facades(survey, config.algorithm(FacadeOptions)):
         drawing = draw_elevation(survey, planes, facade.frame, config.algorithm(ElevationOptions), photos)

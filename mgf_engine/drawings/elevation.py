@@ -24,6 +24,7 @@ from mgf_engine.drawings.model import (
 )
 from mgf_engine.drawings.openings import ElevationPhotos, ElevationWallOptions, find_openings
 from mgf_engine.drawings.overhangs import OverhangOptions, square_overhangs
+from mgf_engine.drawings.photo_lines import PhotoLineOptions, find_moves, move_lines
 from mgf_engine.drawings.plane_lines import PlaneLineOptions, plane_lines
 from mgf_engine.drawings.project import Grid, GridBuffers, render_grid
 from mgf_engine.drawings.rectangles import RectangleOptions, fit_rectangle, rectangle_stroke
@@ -52,6 +53,7 @@ class ElevationOptions:
     straightening: StraightenOptions = StraightenOptions()
     overhangs: OverhangOptions = OverhangOptions()
     rectangles: RectangleOptions = RectangleOptions()
+    photo_lines: PhotoLineOptions = PhotoLineOptions()
     walls: ElevationWallOptions = ElevationWallOptions()
 
 
@@ -69,7 +71,7 @@ def draw_elevation(
         planes: of the mesh.
         frame: plane and extent of the drawing.
         options: limits of edges and creases.
-        photos: to take edges of openings from; None takes them from the mesh.
+        photos: to take edges of openings and of planes from; None takes them from the mesh.
     """
     regions = find_regions(survey, planes, frame, options.regions)
     seen = render_grid(survey, regions.grid)
@@ -82,10 +84,10 @@ def draw_elevation(
     drawn = [
         (chain, kind)
         for chain, kind in zip(chains, kinds, strict=True)
-        if kind is not None and (kind == OUTLINE or not _is_within(chain, boxes, 0.5 * slack))
+        if kind is not None and not is_within_opening(chain, kind, boxes, 0.5 * slack)
     ]
     places: dict[int, Array] = {}
-    strokes: list[Stroke] = []
+    strokes, borders = list[Stroke](), list[tuple[Stroke, Chain]]()
     openings: list[Array] = []
     for opening in boxes:
         _draw_rectangle(opening, regions.grid, (-1, -1), strokes, openings)
@@ -101,6 +103,10 @@ def draw_elevation(
         if kind == OUTLINE and _is_upright(frame):
             square_overhangs(stroke, regions, survey.working_pixel, options.overhangs)
         strokes.append(stroke)
+        borders.append((stroke, chain))
+    if photos is not None:
+        moves = find_moves(borders, regions, survey, photos.lines, options.photo_lines)
+        move_lines([stroke for stroke, _ in borders], moves, places, survey.working_pixel, options.straightening)
     join_ends(strokes, places, survey.working_pixel, options.straightening)
     lines = _merged(
         strokes, [STEP] * len(boxes) + [kind for _, kind in drawn], survey.working_pixel, options.straightening
@@ -121,12 +127,22 @@ def _openings(
     return find_openings(regions, seen, survey.working_pixel, options.walls, photos)
 
 
-def _is_within(chain: Chain, boxes: list[Array], slack: float) -> bool:
-    """Tell whether a chain lies in a rectangle or within ``slack`` of it, so that it is its frayed border.
+def is_within_opening(chain: Chain, kind: str, boxes: list[Array], slack: float) -> bool:
+    """Tell whether a border is only the frayed border of an opening, or noise in its pane.
 
-    Of a closed chain, which may have a spur, only most of the corners have to.
+    It is where it lies in the opening or within ``slack`` of it. Of a closed border, which may have a spur, only most
+    of the corners have to, be it the outline of a hole of the mesh; the building's own outline, which may run along the
+    foot of a door, is not closed there.
+
+    Args:
+        chain: the border.
+        kind: its layer.
+        boxes: left, top, right, bottom of the openings, in pixels of the map [4].
+        slack: in these pixels.
     """
     shares = [((chain.corners >= box[:2] - slack) & (chain.corners <= box[2:] + slack)).all(1).mean() for box in boxes]
+    if kind == OUTLINE and not chain.closed:
+        return False
     return max(shares, default=0.0) >= (_LOOP_WITHIN if chain.closed else 1.0)
 
 

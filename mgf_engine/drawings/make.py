@@ -17,6 +17,7 @@ from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
 from mgf_engine.drawings.openings import elevation_photos
 from mgf_engine.drawings.orthophoto import Visibility, paint, unseen_text
 from mgf_engine.drawings.parts import PartOutlineOptions, part_lines, part_shares
+from mgf_engine.drawings.photo_lines import PhotoLineOptions
 from mgf_engine.drawings.project import Grid, plan_grid, render_grid, round_resolution
 from mgf_engine.drawings.quantities import (
     QuantityOptions,
@@ -165,7 +166,7 @@ def _draw_frame(
         outlines = work.config.algorithm(PartOutlineOptions)
         parts = part_lines(part_shares(survey, painting, visibility, seen, outlines), seen.grid, outlines)
         if work.wants("elevations", "sheets"):
-            photos = elevation_photos(survey, painting, visibility)
+            photos = elevation_photos(survey, painting, visibility, work.config.algorithm(PhotoLineOptions))
             lines = draw_elevation(survey, planes, frame, work.config.algorithm(ElevationOptions), photos)
             drawing = with_parts(lines, parts)
         if drawing is not None and work.wants("elevations"):

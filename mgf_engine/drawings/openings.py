@@ -16,11 +16,11 @@ from scipy.ndimage import find_objects
 
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.drawings.orthophoto import Visibility
+from mgf_engine.drawings.photo_lines import PhotoLineOptions, line_photos, plane_frame
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.openings.detection import Found, WallOpeningOptions, align_edges, openings_in, without_doubles
 from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
-from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
 
@@ -36,25 +36,36 @@ class ElevationWallOptions:
 
 @dataclass(frozen=True)
 class ElevationPhotos:
-    """The photos that edges of an elevation's openings are looked for in.
+    """The photos that edges of an elevation's openings and planes are looked for in.
 
     Attributes:
-        edges: the photos.
+        edges: for openings.
+        lines: for planes, with what is beside the mesh.
         survey: converts from the local to the normalised frame.
     """
 
     edges: EdgePhotos
+    lines: EdgePhotos
     survey: Survey
 
 
-def elevation_photos(survey: Survey, painting: Painting, visibility: Visibility) -> ElevationPhotos:
-    """Return the photos that paint a survey's orthophotos, at their working size."""
+def elevation_photos(
+    survey: Survey, painting: Painting, visibility: Visibility, options: PhotoLineOptions = PhotoLineOptions()
+) -> ElevationPhotos:
+    """Return the photos that paint a survey's orthophotos, at their working size.
+
+    Args:
+        survey: mesh and masks of the job.
+        painting: the photos.
+        visibility: of the mesh in them.
+        options: what photos show of the edges of planes.
+    """
     edges = EdgePhotos(
         painting.views,
         lambda k: survey.scene.photo(painting.chosen[k]),
         lambda k, points, normal: visibility(k, points, np.broadcast_to(normal, points.shape))[0] > 0,
     )
-    return ElevationPhotos(edges, survey)
+    return ElevationPhotos(edges, line_photos(survey, painting, options), survey)
 
 
 def find_openings(
@@ -82,18 +93,10 @@ def find_openings(
     boxes = align_edges(np.array([one.box for one in kept]).reshape(-1, 4), within)
     if photos is None or not len(boxes):
         return list(boxes)
-    frames = {wall: _frame(regions, wall, photos.survey) for wall in {one.wall for one in kept}}
+    frames = {wall: plane_frame(regions, wall, photos.survey) for wall in {one.wall for one in kept}}
     at = regions.grid.places(boxes.reshape(-1, 2)).reshape(-1, 4)
     moved = move_edges(at, [one.wall for one in kept], frames, pixel, photos.edges, options.openings.edges)
     return list(align_edges(regions.grid.pixels(moved.reshape(-1, 2)).reshape(-1, 4), 0.5 * within))
-
-
-def _frame(regions: RegionMap, wall: int, survey: Survey) -> WallFrame:
-    """Return the frame of a wall whose x and y are those of the drawing."""
-    at = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
-    before = regions.before(wall, at) + np.array([0.0, 0.0, 0.0, 1.0])
-    corners = survey.normalise(regions.grid.frame.to_local(np.column_stack([at, before])))
-    return WallFrame(corners[0], corners[1:] - corners[0])
 
 
 def _walls(

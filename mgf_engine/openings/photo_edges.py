@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -25,9 +25,9 @@ from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 LEFT, TOP, RIGHT = _SIDES = (0, 1, 2)
-_STEP = 0.25  # of the samples across an edge, ground px
+STEP = 0.25  # of the samples across an edge, ground px
 _EVERY = 7  # of these samples one is asked for whether a photo shows it
-_ALONG = 0.5  # of the rows of samples along it, ground px
+ALONG = 0.5  # of the rows of samples along it, ground px
 _FACING_AWAY = -0.05  # tangent from which a camera counts as on the wall's side of the edge
 _NOISE = 3.0  # grey values per pixel added to the largest gradient of a photo, which is set to 1
 
@@ -92,12 +92,13 @@ def move_edges(
     Returns:
         [n, 4].
     """
-    offsets = np.arange(-options.reach, options.reach + 0.5 * _STEP, _STEP)
+    offsets = np.arange(-options.reach, options.reach + 0.5 * STEP, STEP)
     strips = [
-        [_strip(box, side, frames[wall], pixel * offsets, options) for side in _SIDES]
+        _strip(box, side, frames[wall], pixel * offsets, options)
         for box, wall in zip(boxes, walls, strict=True)
+        for side in _SIDES
     ]
-    curves = _mean_gradients(strips, photos, len(offsets), options)
+    curves = mean_gradients(strips, photos, options).reshape(len(boxes), len(_SIDES), len(offsets))
     result = boxes.copy()
     for side in _SIDES:
         lines: dict[tuple[int, float], list[int]] = {}
@@ -150,13 +151,13 @@ def wall_side_edge(
     return place
 
 
-class _Strip(NamedTuple):
-    """Points on a wall across an edge of an opening.
+class EdgeStrip(NamedTuple):
+    """Points on a wall across an edge.
 
     Attributes:
         frame: of the wall.
         points: normalised frame, [rows along the edge, offsets, 3].
-        outward: direction out of the opening, in coordinates of the wall, [2].
+        outward: direction in which the offsets grow, in coordinates of the wall, [2]; out of an opening.
     """
 
     frame: WallFrame
@@ -164,25 +165,46 @@ class _Strip(NamedTuple):
     outward: Array
 
 
-def _mean_gradients(
-    strips: Sequence[Sequence[_Strip]], photos: EdgePhotos, count: int, options: OpeningEdgeOptions
-) -> Array:
-    """Return the mean over the photos of the gradient across each edge, each with 1 as its largest, [n, 3, count]; NaN
-    where no photo shows the edge."""
-    total, weights = np.zeros((len(strips), len(_SIDES), count)), np.zeros((len(strips), len(_SIDES), 1))
-    middle = np.array([[strip.points.mean((0, 1)) for strip in row] for row in strips]).reshape(-1, 3)
-    normal = np.repeat([row[0].frame.normal for row in strips], len(_SIDES), axis=0).reshape(-1, 3)
+class GradientOptions(Protocol):
+    """What mean gradients are taken by."""
+
+    @property
+    def blur(self) -> float:
+        """Standard deviation of the filter along a strip, ground pixels."""
+
+    @property
+    def shown(self) -> float:
+        """Least share of a strip that a photo shows."""
+
+    @property
+    def inner(self) -> float:
+        """Weight of a photo from whose place one looks at what is beyond the edge; 1 for the others."""
+
+
+def mean_gradients(strips: Sequence[EdgeStrip], photos: EdgePhotos, options: GradientOptions) -> Array:
+    """Return the mean over the photos of the gradient across each edge, each with 1 as its largest, [n, offsets]; NaN
+    where no photo shows the edge.
+
+    Args:
+        strips: across the edges, all with the same offsets.
+        photos: to look at.
+        options: blur, and which photos count.
+    """
+    count = strips[0].points.shape[1] if strips else 0
+    total, weights = np.zeros((len(strips), count)), np.zeros((len(strips), 1))
+    middle = np.array([strip.points.mean((0, 1)) for strip in strips]).reshape(-1, 3)
+    normal = np.array([strip.frame.normal for strip in strips]).reshape(-1, 3)
     for k, view in enumerate(photos.views):
         inside = view.project_into_frame(middle, 0)[2] & (((view.centre - middle) * normal).sum(1) > 0)
-        for row, side in zip(*np.nonzero(inside.reshape(-1, len(_SIDES))), strict=True):
-            found = _gradient(strips[row][side], k, photos, options)
+        for row in np.flatnonzero(inside).tolist():
+            found = _gradient(strips[row], k, photos, options)
             if found is not None:
-                total[row, side] += found[0] * found[1]
-                weights[row, side] += found[1]
+                total[row] += found[0] * found[1]
+                weights[row] += found[1]
     return np.divide(total, weights, out=np.full_like(total, np.nan), where=weights > 0)
 
 
-def _gradient(strip: _Strip, k: int, photos: EdgePhotos, options: OpeningEdgeOptions) -> tuple[Array, float] | None:
+def _gradient(strip: EdgeStrip, k: int, photos: EdgePhotos, options: GradientOptions) -> tuple[Array, float] | None:
     """Return the gradient across an edge in a photo, 1 where it is largest, [offsets], and the weight of the photo;
     None where it does not show the edge."""
     view, some = photos.views[k], strip.points[:, ::_EVERY]
@@ -196,16 +218,16 @@ def _gradient(strip: _Strip, k: int, photos: EdgePhotos, options: OpeningEdgeOpt
     uv, depth = view.project(flat)
     pixels = (uv.reshape(-1, strip.points.shape[1], 2) - 0.5).astype(np.float32)
     colors = cv2.remap(photos.photo(k), pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR).astype(np.float64)
-    smooth = gaussian_filter1d(colors.mean(0), options.blur / _STEP, axis=0)
-    gradient = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) / _STEP
+    smooth = gaussian_filter1d(colors.mean(0), options.blur / STEP, axis=0)
+    gradient = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) / STEP
     size = float(np.sqrt(max(toward[2], 0.0) / np.linalg.norm(ray)) * view.fx / depth.mean())
     return gradient / (gradient.max() + _NOISE), size * (1.0 if away else options.inner)
 
 
-def _strip(box: Array, side: int, frame: WallFrame, offsets: Array, options: OpeningEdgeOptions) -> _Strip:
+def _strip(box: Array, side: int, frame: WallFrame, offsets: Array, options: OpeningEdgeOptions) -> EdgeStrip:
     """Return the strip across an edge of an opening (left, top, right, bottom in coordinates of the wall, [4])."""
     left, top, right, bottom = box
-    step = _ALONG / _STEP * float(offsets[1] - offsets[0])
+    step = ALONG / STEP * float(offsets[1] - offsets[0])
     if side == TOP:
         x, y = np.meshgrid(_inner(left, right, step, options.margin), top + offsets, indexing="ij")
         outward = np.array([0.0, 1.0])
@@ -215,7 +237,7 @@ def _strip(box: Array, side: int, frame: WallFrame, offsets: Array, options: Ope
         y, x = np.meshgrid(along, (right if side == RIGHT else left) + sign * offsets, indexing="ij")
         outward = np.array([sign, 0.0])
     points = frame.points(np.stack([x, y], -1).reshape(-1, 2)).reshape(*x.shape, 3)
-    return _Strip(frame, points, outward)
+    return EdgeStrip(frame, points, outward)
 
 
 def _inner(begin: float, end: float, step: float, margin: float) -> Array:

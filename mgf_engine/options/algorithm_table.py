@@ -157,6 +157,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),
     Algorithm("rectangles", "drawings", "Rectangles of openings in drawings", "drawings.rectangles:RectangleOptions"),
     Algorithm("elevation_walls", "drawings", "Walls of elevations that openings are looked for in", "drawings.openings:ElevationWallOptions"),
+    Algorithm("photo_lines", "drawings", "Lines that are moved to where photos have the edges of planes", "drawings.photo_lines:PhotoLineOptions"),
     Algorithm("frayed_lines", "drawings", "Frayed borders that are drawn as one line", "drawings.fraying:FrayOptions"),
     Algorithm("section_cuts", "drawings", "Sections through the mesh", "drawings.section:SectionOptions"),
     Algorithm("part_outlines", "drawings", "Outlines of windows and other named parts", "drawings.parts:PartOutlineOptions", also=("models",)),

@@ -7,10 +7,12 @@ import cv2
 import numpy as np
 import pytest
 
-from mgf_engine.drawings.model import DrawingFrame
+from mgf_engine.drawings.elevation import is_within_opening
+from mgf_engine.drawings.model import OUTLINE, STEP, DrawingFrame
 from mgf_engine.drawings.openings import find_openings
 from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.regions import RegionMap
+from mgf_engine.drawings.trace import Chain
 
 PIXEL = 0.05  # metres; the map has two pixels to it
 HEIGHT, WIDTH = 300, 400
@@ -72,3 +74,13 @@ def test_a_door_ends_where_the_wall_does() -> None:
 )
 def test_what_is_no_opening_is_none(before: np.ndarray) -> None:
     assert len(found(before)) == 0
+
+
+def test_a_hole_of_the_mesh_in_a_pane_is_no_outline() -> None:
+    boxes = [np.array([40.0, 60, 90, 130])]
+    hole = np.array([[45.0, 70], [80, 70], [80, 120], [45, 70]])
+    assert is_within_opening(Chain(hole, 0, 1, (7, 7)), OUTLINE, boxes, 2.0)
+    assert not is_within_opening(Chain(hole + 100, 0, 1, (7, 7)), OUTLINE, boxes, 2.0)
+    foot = np.array([[40.0, 130], [90, 130]])  # of a door, below which there is nothing
+    assert not is_within_opening(Chain(foot, 0, 1, (1, 2)), OUTLINE, boxes, 2.0)
+    assert is_within_opening(Chain(foot, 1, 2, (1, 2)), STEP, boxes, 2.0)

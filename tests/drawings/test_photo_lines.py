@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lines come to where the photos have the edges of planes, and the corners between them with them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.finished_job import FinishedJob
+
+from mgf_engine.drawings.elevation import draw_elevation
+from mgf_engine.drawings.facades import find_facades
+from mgf_engine.drawings.load import read_survey
+from mgf_engine.drawings.model import OUTLINE, Survey
+from mgf_engine.drawings.openings import ElevationPhotos, elevation_photos
+from mgf_engine.drawings.orthophoto import Visibility
+from mgf_engine.drawings.photo_lines import Move, move_lines
+from mgf_engine.drawings.regions import survey_planes
+from mgf_engine.drawings.straighten import FittedSegment, Stroke
+from mgf_engine.openings.photo_edges import EdgePhotos
+from mgf_engine.texture.texture_pipeline import choose_painting
+
+PULLED = 1.5  # ground pixels
+X, Y = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def short(finished: FinishedJob) -> Survey:
+    """The house, of which the mesh lacks some pixels at the right end of its facade A."""
+    survey = read_survey(finished.folder)
+    frame = find_facades(survey)[0].frame
+    vertices = survey.mesh.vertices.copy()
+    at = frame.to_drawing(vertices)
+    vertices[at[:, 0] > 3.9] -= PULLED * survey.working_pixel * frame.x
+    return replace(
+        survey,
+        mesh=replace(survey.mesh, vertices=vertices),
+        normalised=replace(survey.normalised, vertices=survey.normalise(vertices)),
+    )
+
+
+@pytest.fixture(scope="module")
+def photos(short: Survey) -> ElevationPhotos:
+    painting = choose_painting(short.normalised, short.scene, short.masks)
+    return elevation_photos(short, painting, Visibility(short, painting))
+
+
+def right_end(survey: Survey, photos: ElevationPhotos | None) -> float:
+    """Ground pixels from the right end of the outline of facade A to that of the house, 4 m long."""
+    frame = find_facades(survey)[0].frame
+    lines = draw_elevation(survey, survey_planes(survey), frame, photos=photos).lines
+    ends = [line.points[:, 0] for line in lines if line.layer == OUTLINE and np.ptp(line.points[:, 0]) < 0.01]
+    return (4.0 - max(float(x[0]) for x in ends)) / survey.working_pixel
+
+
+def test_an_outline_that_the_mesh_has_too_short_comes_to_where_the_photos_have_it(
+    short: Survey, photos: ElevationPhotos
+) -> None:
+    assert right_end(short, None) == pytest.approx(PULLED, abs=0.3)
+    assert right_end(short, photos) == pytest.approx(0.0, abs=0.6)  # samples lie a quarter of a pixel apart
+
+
+def test_an_outline_that_no_photo_shows_stays(short: Survey, photos: ElevationPhotos) -> None:
+    nothing = EdgePhotos(photos.lines.views, photos.lines.photo, lambda k, points, _: np.zeros(len(points), bool))
+    assert right_end(short, replace(photos, lines=nothing)) == pytest.approx(right_end(short, None), abs=1e-6)
+
+
+def stroke_through(points: list[tuple[float, float]], ends: tuple[int, int]) -> Stroke:
+    at = np.array(points, np.float64)
+    spans = np.diff(at, axis=0)
+    lengths = np.hypot(*spans.T)
+    segments = [
+        FittedSegment(0.5 * (a + b), span / length, float(length))
+        for a, b, span, length in zip(at[:-1], at[1:], spans, lengths, strict=True)
+    ]
+    return Stroke(segments, at, ends)
+
+
+def test_corners_lie_where_the_moved_lines_cross() -> None:
+    square = stroke_through([(0, 0), (10, 0), (10, 8), (0, 8), (0, 0)], (0, 0))
+    move_lines([square], [{0: Move(-Y, 0.5), 1: Move(X, 0.7)}], {}, 0.1)
+    np.testing.assert_allclose(square.points, [(0, -0.5), (10.7, -0.5), (10.7, 8), (0, 8), (0, -0.5)], atol=1e-6)
+
+
+def test_the_place_where_strokes_end_moves_with_them() -> None:
+    level, upright = stroke_through([(0, 0), (10, 0)], (1, 2)), stroke_through([(10, 0), (10, 8)], (2, 3))
+    places = {1: np.zeros(2), 2: np.array([10.0, 0]), 3: np.array([10.0, 8])}
+    move_lines([level, upright], [{0: Move(-Y, 0.5)}, {0: Move(X, 0.7)}], places, 0.1)
+    np.testing.assert_allclose(places[2], (10.7, -0.5), atol=0.1)  # it need only be near where they cross
+    np.testing.assert_allclose(places[3], (10.7, 8), atol=0.1)
+    np.testing.assert_allclose(level.points, [(0, -0.5), (10, -0.5)], atol=1e-6)
+
+
+def test_two_nearly_parallel_lines_do_not_carry_their_place_away() -> None:
+    one, other = stroke_through([(0, 0), (10, 0)], (1, 2)), stroke_through([(10, 0), (20, 0.2)], (2, 3))
+    across = np.array([-0.02, 1.0]) / np.hypot(0.02, 1.0)
+    places = {k: np.array([10.0 * (k - 1), 0]) for k in (1, 2, 3)}
+    move_lines([one, other], [{0: Move(Y, 0.5)}, {0: Move(across, -0.5)}], places, 0.1)
+    assert np.abs(places[2] - (10, 0)).max() < 0.6
