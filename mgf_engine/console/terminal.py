@@ -169,7 +169,8 @@ class _Bar:
 
     def close(self) -> None:
         """End the bar, which shows the cursor again."""
-        self._progress.stop()
+        if self._progress.live.is_started:  # or an empty line would be printed where the output is no terminal
+            self._progress.stop()
 
 
 def _fitting(figures: list[str], letters: int) -> str:

@@ -58,3 +58,10 @@ def test_a_bar_keeps_its_share_and_whole_figures(
     assert re.search(r"━ 100%", rows[-1])
     assert columns < 80 or "vertices 12,607" in rows[-1]
     assert columns < 200 or rows[-1].rstrip().endswith("unseen share 0.0162")
+
+
+def test_a_bar_that_never_began_leaves_no_empty_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    reporter = Reporter(make_sink("bar"))
+    reporter.send("failed", code=2, text="--detail takes a length in centimetres above 0, not 'x'.", log=None)
+    reporter.close()
+    assert capsys.readouterr().err == "Error: --detail takes a length in centimetres above 0, not 'x'.\n"
