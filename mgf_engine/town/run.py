@@ -167,17 +167,21 @@ def _watch(town: Path, process: subprocess.Popen[bytes]) -> None:
 
     console, written, said = Console(stderr=True), 0.0, dict[str, str]()
     live = Live(console=console, refresh_per_second=2) if console.is_terminal else contextlib.nullcontext()
-    with live as shown:
-        while process.poll() is None:
-            rows = read_rows(town, running=True)
-            if shown is not None:
-                shown.update(buildings_table(rows))
-            else:
-                _say_changes(rows, said)
-            if time.monotonic() - written > _PAGE_SECONDS:
-                write_page(town / PAGE, town, rows, refresh=5)
-                written = time.monotonic()
-            time.sleep(_POLL_SECONDS)
+    try:
+        with live as shown:
+            while process.poll() is None:
+                rows = read_rows(town, running=True)
+                if shown is not None:
+                    shown.update(buildings_table(rows))
+                else:
+                    _say_changes(rows, said)
+                if time.monotonic() - written > _PAGE_SECONDS:
+                    write_page(town / PAGE, town, rows, refresh=5)
+                    written = time.monotonic()
+                time.sleep(_POLL_SECONDS)
+    except KeyboardInterrupt:
+        print("Stopping; the jobs at work save what they did.", file=sys.stderr, flush=True)
+        raise
 
 
 def _say_changes(rows: list[dict[str, Any]], said: dict[str, str]) -> None:
