@@ -19,7 +19,7 @@ from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.photo_lines import PhotoLineOptions, line_photos, plane_frame
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.regions import RegionMap
-from mgf_engine.openings.detection import Found, WallOpeningOptions, align_edges, openings_in, without_doubles
+from mgf_engine.openings.detection import Opening, WallOpeningOptions, align_edges, openings_in, without_doubles
 from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
@@ -84,18 +84,20 @@ def find_openings(
         options: what counts as an opening.
         photos: to take edges from; None leaves them where the mesh has them.
     """
-    found, resolution = list[Found](), regions.grid.resolution
+    found, walls, resolution = list[Opening](), list[int](), regions.grid.resolution
     for wall, depth, box, area in _walls(regions, seen, options):
         corner = np.tile([box[1].start, box[0].start], 2)
-        for score, rectangle in openings_in(depth, pixel, resolution, area, options.openings):
-            found.append(Found(score, rectangle + corner, wall))
+        for one in openings_in(depth, pixel, resolution, area, options.openings):
+            found.append(one._replace(box=one.box + corner))
+            walls.append(wall)
     kept, within = without_doubles(found), options.openings.aligned * pixel / resolution
-    boxes = align_edges(np.array([one.box for one in kept]).reshape(-1, 4), within)
+    boxes = align_edges(np.array([found[k].box for k in kept]).reshape(-1, 4), within)
     if photos is None or not len(boxes):
         return list(boxes)
-    frames = {wall: plane_frame(regions, wall, photos.survey) for wall in {one.wall for one in kept}}
+    own = [walls[k] for k in kept]
+    frames = {wall: plane_frame(regions, wall, photos.survey) for wall in set(own)}
     at = regions.grid.places(boxes.reshape(-1, 2)).reshape(-1, 4)
-    moved = move_edges(at, [one.wall for one in kept], frames, pixel, photos.edges, options.openings.edges)
+    moved = move_edges(at, own, frames, pixel, photos.edges, options.openings.edges)
     return list(align_edges(regions.grid.pixels(moved.reshape(-1, 2)).reshape(-1, 4), 0.5 * within))
 
 

@@ -2,53 +2,54 @@
 """Cut openings into the walls of a mesh: a flat bottom, reveals at right angles, and edges that are lines.
 
 Depth maps are blurred at depth discontinuities, so that the mesh slopes into a window over several pixels and rounds
-its corners. Here its faces are cut along the rectangle of the opening; what lies inside goes to the opening's depth,
-the slope outside into the wall, and faces at right angles join the two. No opening is cut where the mesh is not one
-sheet over the rectangle, or where its bottom is not flat.
+its corners; behind panes that mirror it has caves, handles and holes. What the mesh is within an opening is therefore
+not kept: it is removed up to a rectangle around the opening on which it is wall, and the grid of
+:mod:`~mgf_engine.mesh.opening_grid` takes its place. Nothing is cut where the mesh is not one sheet along that
+rectangle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 from numpy.typing import NDArray
-from scipy.sparse.linalg import spsolve
+from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import edges as edge_keys
 from mgf_engine.geometry.clean import face_neighbours
 from mgf_engine.geometry.components import label_components
-from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.mesh.extend_planes import ON_PLANE
+from mgf_engine.mesh.opening_grid import HeightMap, OpeningGrid, around_rectangle, height_map, opening_grid
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-_AREA = 0.02  # share by which the faces over a rectangle may differ from its area: they are one sheet over it
-_UNFOLD_ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class CutOptions:
     """Options of cutting openings into a mesh."""
 
-    slope: float = parameter(5.0, "Distance from an opening up to which the mesh is its slope, and goes into the wall",
-                             "ground px")  # fmt: skip
-    around: float = parameter(2.0, "Width of what is looked at around that slope", "ground px")
-    deeper: float = parameter(1.5, "Distance behind the bottom up to which such a slope may reach", "ground px")
-    facing: float = parameter(
-        0.3, "Largest cosine between a slope's normal and the direction away from the opening", low=-1, high=1
+    margins: tuple[float, ...] = parameter(
+        (5.0, 8.0, 12.0, 3.0, 2.0), "Distances from an opening at which the mesh may be wall again; the first at "
+        "which it is counts", "ground px", low=0.5,
+    )  # fmt: skip
+    behind: float = parameter(1.5, "Maximum distance behind the plane at which the mesh is wall", "ground px")
+    before: float = parameter(6.0, "Maximum distance before the plane of what the wall has around an opening, as sills",
+                              "ground px")  # fmt: skip
+    reach: float = parameter(40.0, "Distance from the plane up to which the mesh is looked at", "ground px")
+    least_depth: float = parameter(0.7, "Minimum depth of an opening", "ground px")
+    deepest: float = parameter(13.9, "Depth from which an opening is a passage, and not cut", "ground px")
+    gap: float = parameter(2.0, "Width of holes of the mesh along that rectangle that are bridged", "ground px")
+    folds: float = parameter(
+        0.5, "Maximum length of folds of the mesh along the rectangle around an opening, in its sides"
     )
-    snap: float = parameter(0.05, "Distance from an edge of an opening within which vertices are moved onto it",
-                            "ground px")  # fmt: skip
-    least_depth: float = parameter(0.7, "Minimum depth of the bottom, the median of its middle", "ground px")
-    middle: float = parameter(0.2, "Margin around that middle, as a share of the opening's sides", high=0.45)
-    uneven: float = parameter(0.75, "Maximum median deviation of that middle from the bottom", "ground px")
+    snap: float = parameter(0.05, "Distance from a line of a cut within which vertices are moved onto it", "ground px")
 
 
 class WallOpenings(NamedTuple):
@@ -57,21 +58,21 @@ class WallOpenings(NamedTuple):
     Attributes:
         frame: of the wall, unit: a ground pixel.
         boxes: left, top, right, bottom of each, y up, [K, 4].
-        faces: numbers of the faces over and around them, [M].
+        depths: of their bottoms behind the wall, [K].
     """
 
     frame: WallFrame
     boxes: Array
-    faces: Index
+    depths: Array
 
 
 class Patch(NamedTuple):
-    """A part of a mesh in the coordinates of its wall.
+    """A part of a mesh.
 
     Attributes:
-        at: vertices, ground pixels, [N, 3].
+        at: vertices [N, 3].
         faces: [F, 3].
-        source: the vertex of the mesh that each has its values and colour from, [N].
+        source: the vertex of the whole mesh that each has its values and colour from, [N].
     """
 
     at: Array
@@ -83,61 +84,102 @@ def cut_openings(mesh: Mesh, walls: Sequence[WallOpenings], options: CutOptions 
     """Cut openings into a mesh; return it and the number of openings that were cut.
 
     Args:
-        mesh: normalised frame; vertices that are moved get the value ``ON_PLANE``.
-        walls: with openings; no face in more than one of them.
+        mesh: normalised frame; vertices that are moved or new get the value ``ON_PLANE``.
+        walls: with openings.
         options: limits.
     """
-    vertices, on_plane = mesh.vertices.copy(), mesh.values.get(ON_PLANE, np.zeros(len(mesh.vertices), np.uint8)).copy()
-    kept, total = np.ones(len(mesh.faces), bool), 0
-    more_vertices, more_faces, sources = [], [], []
-    count = len(vertices)
+    count, total = len(mesh.vertices), 0
+    patch = Patch(mesh.vertices, mesh.faces.astype(np.int64), np.arange(count))
     for wall in walls:
-        used, corner = np.unique(mesh.faces[wall.faces], return_inverse=True)
-        patch = Patch(
-            wall.frame.coordinates(vertices[used]), corner.reshape(-1, 3).astype(np.int64), used.astype(np.int64)
-        )
-        before, cut = patch.at, 0
-        for box in wall.boxes:
-            done = _cut_in(patch, box, options)
-            patch, cut = (patch, cut) if done is None else (done, cut + 1)
-        if not cut:
-            continue
-        old, at = len(used), wall.frame.points(patch.at)
-        on_plane[used[(patch.at[:old] != before).any(1)]] = 1
-        vertices[used] = at[:old]
-        number = np.concatenate([used, count + np.arange(len(at) - old)])
-        more_vertices.append(at[old:])
-        sources.append(patch.source[old:])
-        more_faces.append(number[patch.faces])
-        kept[wall.faces] = False
-        count, total = count + len(at) - old, total + cut
+        patch, cut = _cut_in_wall(patch, wall, options)
+        total += cut
     if not total:
         return mesh, 0
-    whole = np.concatenate([np.arange(len(vertices)), *sources])
-    faces = np.concatenate([mesh.faces[kept], *more_faces])
-    on_plane = np.concatenate([on_plane, np.ones(count - len(vertices), np.uint8)])
-    result = mesh.gather(whole, faces)
-    values = {**result.values, ON_PLANE: on_plane}
-    return replace(result, vertices=np.concatenate([vertices, *more_vertices]), values=values), total
+    on_plane = np.ones(len(patch.at), np.uint8)
+    still = (patch.at[:count] == mesh.vertices).all(1)
+    on_plane[:count][still] = mesh.values[ON_PLANE][still] if ON_PLANE in mesh.values else 0
+    used, corner = np.unique(patch.faces, return_inverse=True)
+    result = mesh.gather(patch.source[used], corner.reshape(-1, 3))
+    return replace(result, vertices=patch.at[used], values={**result.values, ON_PLANE: on_plane[used]}), total
 
 
-def _cut_in(patch: Patch, box: Array, options: CutOptions) -> Patch | None:
-    """Cut one opening as :func:`cut_rectangle` does, of a large patch, of which only the faces around it matter."""
-    left, top, right, bottom = box
-    reach = options.slope + options.around
-    near = overlapping(patch.at, patch.faces, np.array([left, bottom]) - reach, np.array([right, top]) + reach)
-    used, corner = np.unique(patch.faces[near], return_inverse=True)
-    part = Patch(patch.at[used], corner.reshape(-1, 3).astype(np.int64), patch.source[used])
-    done = cut_rectangle(part, box, options)
-    if done is None:
+def _cut_in_wall(patch: Patch, wall: WallOpenings, options: CutOptions) -> tuple[Patch, int]:
+    """Cut the openings of a wall into a mesh in its own coordinates; return it and the number of those cut."""
+    at = wall.frame.coordinates(patch.at)
+    near, reach = np.zeros(len(patch.faces), bool), max(options.margins)
+    rows = np.flatnonzero((np.abs(at[:, 2]) < options.reach)[patch.faces].all(1))
+    for box in wall.boxes:
+        near[rows] |= overlapping(at, patch.faces[rows], *_corners(_widened(box, [reach] * 4)))
+    cut = 0
+
+    def cut_each(part: Patch) -> Patch:
+        nonlocal cut
+        before = wall.frame.coordinates(part.at)
+        now = part._replace(at=before)
+        for box, depth in zip(wall.boxes, wall.depths, strict=True):
+            done = cut_opening(now, box, float(depth), options)
+            now, cut = (now, cut) if done is None else (done, cut + 1)
+        result = wall.frame.points(now.at)
+        still = (now.at[: len(before)] == before).all(1)
+        result[: len(before)][still] = part.at[still]  # to the bit
+        return now._replace(at=result)
+
+    result = _changed(patch, touching(patch.faces, near), cut_each)
+    return (patch if result is None else result), cut
+
+
+def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = CutOptions()) -> Patch | None:
+    """Cut one opening; None where the mesh around it is not one sheet. New vertices come after those of the patch.
+
+    Args:
+        patch: faces over the opening and around it, coordinates of the wall.
+        box: left, top, right, bottom, y up, ground pixels, [4].
+        depth: of its bottom behind the wall, ground pixels.
+        options: limits.
+    """
+    if not options.least_depth <= depth < options.deepest:
+        return None
+    widest = _widened(box, [max(options.margins)] * 4)
+    near = touching(patch.faces, overlapping(patch.at, patch.faces, *_corners(widest)))
+    heights = height_map(patch.at, patch.faces[near], widest, options.before)
+    margins = _margins(heights, box, options)
+    if margins is None:
+        return None
+    outer = _widened(box, margins)
+
+    def cut(part: Patch) -> Patch | None:
+        divided = _divided(part, outer, options.snap)
+        inside = _inside(divided, outer, options)
+        seam = None if inside is None else _seam(divided, inside, outer, options)
+        if inside is None or seam is None:
+            return None
+        return _joined(divided, inside, seam, opening_grid(box, outer, depth, heights))
+
+    return _changed(patch, near, cut)
+
+
+def _changed(patch: Patch, some: NDArray[np.bool_], change: Callable[[Patch], Patch | None]) -> Patch | None:
+    """Change a part of a mesh.
+
+    Args:
+        patch: the mesh.
+        some: the faces that are the part, bool [F].
+        change: returns the part with its new vertices after the others, or None.
+
+    Returns:
+        The mesh with its new vertices after the others; None if ``change`` returns None.
+    """
+    used, corner = np.unique(patch.faces[some], return_inverse=True)
+    part = change(Patch(patch.at[used], corner.reshape(-1, 3), patch.source[used]))
+    if part is None:
         return None
     at, old = patch.at.copy(), len(used)
-    at[used] = done.at[:old]
-    number = np.concatenate([used, len(at) + np.arange(len(done.at) - old)])
+    at[used] = part.at[:old]
+    number = np.concatenate([used, len(at) + np.arange(len(part.at) - old)])
     return Patch(
-        np.concatenate([at, done.at[old:]]),
-        np.concatenate([patch.faces[~near], number[done.faces]]),
-        np.concatenate([patch.source, done.source[old:]]),
+        np.concatenate([at, part.at[old:]]),
+        np.concatenate([patch.faces[~some], number[part.faces]]),
+        np.concatenate([patch.source, part.source[old:]]),
     )
 
 
@@ -161,43 +203,48 @@ def overlapping(at: Array, faces: NDArray[np.integer], low: Array, high: Array) 
     return result
 
 
-def cut_rectangle(patch: Patch, box: Array, options: CutOptions = CutOptions()) -> Patch | None:
-    """Cut one opening; None where the patch is not one sheet over it with a flat bottom.
+def touching(faces: NDArray[np.integer], some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell which of faces [F, 3] have a vertex in common with some of them, bool [F]; edges on these may be divided."""
+    return np.asarray(np.isin(faces, faces[some]).any(1))
 
-    New vertices come after those of the patch.
 
-    Args:
-        patch: faces over the opening and around it.
-        box: left, top, right, bottom, y up, ground pixels, [4].
-        options: limits.
-    """
-    left, top, right, bottom = (float(value) for value in box)
-    depth = _depth(patch, box, options)
-    if depth is None:
-        return None
-    patch = _unfold(patch, box, depth, options)
+def _widened(box: Array, margins: Sequence[float]) -> Array:
+    """Return a box [left, top, right, bottom] that is wider by margins at each side."""
+    return np.asarray(box + np.array([-1, 1, 1, -1]) * np.array(margins))
+
+
+def _corners(box: Array) -> tuple[Array, Array]:
+    """Return the least and the largest x and y of a box [left, top, right, bottom]."""
+    return box[[0, 3]], box[[2, 1]]
+
+
+def _margins(heights: HeightMap, box: Array, options: CutOptions) -> list[float] | None:
+    """Find how far from each side of an opening the mesh is wall, ground pixels [4]; None where it is none."""
+    result = []
+    for side in range(4):
+        lowest, highest = np.empty(len(options.margins)), np.empty(len(options.margins))
+        for k, margin in enumerate(options.margins):
+            line = _widened(box, [margin if other == side else 0.0 for other in range(4)])
+            ends = np.array(_corners(line))
+            ends[:, side % 2] = line[side]
+            z = heights.at(ends[0] + np.linspace(0, 1, 40)[:, None] * (ends[1] - ends[0]))
+            lowest[k], highest[k] = z.min(), z.max()  # NaN where there is no mesh
+        even = (lowest > -options.behind) & (highest < options.behind)
+        some = even if even.any() else lowest > -2 * options.behind
+        if not some.any():
+            return None
+        result.append(options.margins[int(some.argmax())])
+    return result
+
+
+def _divided(patch: Patch, outer: Array, snap: float) -> Patch:
+    """Cut the faces along the four sides of a rectangle, so that none lies within it and beyond."""
+    left, top, right, bottom = (float(value) for value in outer)
     for axis, value, low, high in (
         (0, left, bottom, top), (0, right, bottom, top), (1, bottom, left, right), (1, top, left, right),
     ):  # fmt: skip
-        patch = _split(patch, axis, value, low, high, options.snap)
-    inside = _sheet(patch, box)
-    if inside is None:
-        return None
-    rim = _rim(patch, inside, box)
-    return None if rim is None else _rebuild(patch, box, inside, rim, depth, options)
-
-
-def _depth(patch: Patch, box: Array, options: CutOptions) -> float | None:
-    """Return how far before the wall (below 0) the flat bottom of an opening lies; None where there is none."""
-    left, top, right, bottom = box
-    centre, half = np.array([left + right, bottom + top]) / 2, np.array([right - left, top - bottom]) / 2
-    middle = (np.abs(patch.at[:, :2] - centre) < (1 - 2 * options.middle) * half).all(1)
-    before = patch.at[middle, 2]
-    if len(before) < 3:
-        return None
-    depth = float(np.median(before))
-    even = np.median(np.abs(before - depth)) <= options.uneven
-    return depth if even and depth <= -options.least_depth else None
+        patch = _split(patch, axis, value, low, high, snap)
+    return patch
 
 
 def _split(patch: Patch, axis: int, value: float, low: float, high: float, snap: float) -> Patch:
@@ -258,149 +305,82 @@ def _with_middles(faces: Index, edges: Index, count: int) -> Index:
     return np.concatenate([faces[times == 0], *one, *two])
 
 
-def _sheet(patch: Patch, box: Array) -> Index | None:
-    """Return the connected faces that cover a rectangle once, numbers [K]; None where there are none."""
-    left, top, right, bottom = box
-    x, y = patch.at[:, 0], patch.at[:, 1]
-    rows = np.flatnonzero(((x >= left) & (x <= right) & (y >= bottom) & (y <= top))[patch.faces].all(1))
+def _inside(patch: Patch, outer: Array, options: CutOptions) -> Index | None:
+    """Return the faces of a wall within a rectangle that hang together, numbers [K]; None where there are none.
+
+    Small parts that float behind the wall and reach no side of the rectangle are among them.
+    """
+    left, top, right, bottom = outer
+    x, y, z = patch.at.T
+    within = (x >= left) & (x <= right) & (y >= bottom) & (y <= top) & (z <= options.before)
+    rows = np.flatnonzero(within[patch.faces].all(1))
     if not len(rows):
         return None
     pairs = face_neighbours(patch.faces[rows])
     part = label_components(len(rows), pairs[:, 0], pairs[:, 1])
-    areas = np.bincount(part, _flat_areas(patch.at, patch.faces[rows]))
-    largest = int(areas.argmax())
-    if abs(areas[largest] / ((right - left) * (top - bottom)) - 1) > _AREA:
-        return None
-    return np.asarray(rows[part == largest])
+    area = np.bincount(part, np.abs(_flat_areas(patch.at, patch.faces[rows])))
+    sides = (patch.at[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]).any(1)
+    stays = np.bincount(part, (sides | (z > 0))[patch.faces[rows]].any(1)) > 0
+    return np.asarray(rows[((np.arange(len(area)) == area.argmax()) | ~stays)[part]])
 
 
-def _rim(patch: Patch, inside: Index, box: Array) -> Index | None:
-    """Return the directed edges [R, 2] around faces over a rectangle; None unless they go once along its border."""
-    left, top, right, bottom = box
-    faces = patch.faces[inside]
-    edges = _edges(faces)
-    _, back, times = np.unique(edge_keys(faces)[0], return_inverse=True, return_counts=True)
-    rim = edges[times[back] == 1]
-    disk = len(np.unique(faces)) - len(times) + len(faces) == 1
-    if times.max() > 2 or not disk or len(np.unique(rim[:, 0])) < len(rim):
-        return None
-    sides = patch.at[:, [0, 1, 0, 1]] == np.array([left, bottom, right, top])
-    flat = (sides[faces[:, 0]] & sides[faces[:, 1]] & sides[faces[:, 2]]).any()
-    if flat or not sides[rim].any(-1).all():
-        return None
-    x, y, wide, high = patch.at[:, 0] - left, patch.at[:, 1] - bottom, right - left, top - bottom
-    along = np.select(
-        [sides[:, 1], sides[:, 2], sides[:, 3]], [x, wide + y, wide + high + wide - x], 2 * wide + high + high - y
-    )
-    around = 2 * (wide + high)
-    step = (along[rim[:, 1]] - along[rim[:, 0]]) % around
-    return rim if step.sum() < 1.5 * around else None
-
-
-def _rebuild(patch: Patch, box: Array, inside: Index, rim: Index, depth: float, options: CutOptions) -> Patch | None:
-    """Put what is inside onto the bottom, the slope outside onto the wall, and join them by faces at right angles."""
-    border = np.unique(rim)
-    within = np.setdiff1d(np.unique(patch.faces[inside]), border)
-    at = patch.at.copy()
-    if (_flat_areas(at, patch.faces[inside]) <= 0).any():
-        at = _harmonic(at, patch.faces[inside], within)
-        if (_flat_areas(at, patch.faces[inside]) <= 0).any():
-            return None
-    outside = np.delete(patch.faces, inside, axis=0)
-    slope = _slope(patch, box, outside, border, depth, options)
-    at[slope, 2] = at[border, 2] = 0
-    at = _unfolded(at, outside[np.isin(outside, slope).any(1)], slope)
-    count = len(at)
-    copy = np.full(count, -1, np.int64)
-    copy[border] = count + np.arange(len(border))
-    at = np.concatenate([at, at[border]])
-    at[within, 2] = at[copy[border], 2] = depth
-    bottom = patch.faces[inside]
-    bottom = np.where(copy[bottom] >= 0, copy[bottom], bottom)
-    a, b = rim.T
-    reveals = [np.stack([copy[b], copy[a], a], 1), np.stack([copy[b], a, b], 1)]
-    return Patch(at, np.concatenate([outside, bottom, *reveals]), np.concatenate([patch.source, patch.source[border]]))
-
-
-def _slope(patch: Patch, box: Array, outside: Index, border: Index, depth: float, options: CutOptions) -> Index:
-    """Return the vertices around an opening that lie behind the wall, connected with the opening's border."""
-    left, top, right, bottom = box
-    at = patch.at
-    away = at[:, :2] - np.clip(at[:, :2], [left, bottom], [right, top])
-    normals = np.zeros((len(at), 3))
-    corner = at[outside]
-    np.add.at(normals, outside, np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])[:, None])
-    facing = (unit_vectors(normals)[:, :2] * unit_vectors(away)).sum(1)
-    slope = (np.linalg.norm(away, axis=1) <= options.slope) & (at[:, 2] < 0) & (at[:, 2] > depth - options.deeper)
-    slope &= facing < options.facing
-    slope[np.setdiff1d(patch.faces, outside)] = False  # those inside
-    slope[border] = True
-    a, b = _edges(outside).T
-    both = slope[a] & slope[b]
-    group = label_components(len(at), a[both], b[both])
-    slope &= np.isin(group, group[border])
-    slope[border] = False
-    return np.flatnonzero(slope)
-
-
-def _unfold(patch: Patch, box: Array, depth: float, options: CutOptions) -> Patch:
-    """Unfold faces of a slope that overhang, so that lines can cut them."""
-    left, top, right, bottom = box
-    low, high = np.array([left, bottom]) - options.slope, np.array([right, top]) + options.slope
-    near = ((patch.at[:, :2] > low) & (patch.at[:, :2] < high)).all(1)
-    near &= (patch.at[:, 2] > depth - options.deeper) & (patch.at[:, 2] < 1)
-    faces = patch.faces[near[patch.faces].all(1)]
-    if not len(faces):
-        return patch
-    part = label_components(len(near), *_edges(faces).T)[faces[:, 0]]
-    faces = faces[part == np.bincount(part).argmax()]  # not what floats before the wall
-    return patch._replace(at=_unfolded(patch.at, faces, np.unique(faces)))
-
-
-def _unfolded(at: Array, faces: Index, free: Index) -> Array:
-    """Return vertices [N, 3] of which those of overturned faces were moved along the wall, if that unfolds them."""
-    for _ in range(_UNFOLD_ROUNDS):
-        over = faces[_flat_areas(at, faces) <= 0]
-        if not len(over):
-            break
-        touched = np.isin(faces, over).any(1)  # and their neighbours
-        moving = np.intersect1d(faces[touched], free)
-        around = faces[np.isin(faces, moving).any(1)]
-        # Vertices on the border of these faces hold the others.
-        edges = np.sort(_edges(around), 1)
-        own, times = np.unique(edges, axis=0, return_counts=True)
-        moving = np.setdiff1d(moving, own[times == 1])
-        if not len(moving):
-            break
-        new = _harmonic(at, around, moving)
-        if (_flat_areas(new, faces) <= 0).sum() >= len(over):
-            break
-        at = new
-    return at
-
-
-def _harmonic(at: Array, faces: Index, free: Index) -> Array:
-    """Move vertices along the wall to the means of their neighbours, which overturns no face within a convex border.
-
-    (Tutte, *How to draw a graph*, 1963.)
+def _seam(patch: Patch, inside: Index, outer: Array, options: CutOptions) -> Index | None:
+    """Return the vertices at which what is removed meets what stays, counter-clockwise from the rectangle's lower left
+    corner, [S]; None unless they go once along the rectangle, on the wall.
 
     Args:
-        at: vertices [N, 3]; the others stay.
-        faces: around the free ones, [F, 3].
-        free: numbers of those that move, [K].
+        patch: divided along the rectangle.
+        inside: the faces to remove.
+        outer: left, top, right, bottom of the rectangle.
+        options: limits.
     """
-    if not len(free):
-        return at
-    a, b = np.unique(np.sort(_edges(faces), 1), axis=0).T
-    ends = (np.concatenate([a, b]), np.concatenate([b, a]))
-    near = sparse.csr_matrix((np.ones(2 * len(a)), ends), (len(at), len(at)))[free]
-    degree = np.asarray(near.sum(1)).ravel()
-    still = np.ones(len(at), bool)
-    still[free] = False
-    right = near[:, still] @ at[still, :2]
-    result = at.copy()
-    result[free, :2] = spsolve((sparse.diags(degree) - near[:, free]).tocsc(), right)
-    return result
+    rest = np.delete(patch.faces, inside, axis=0)
+    edges = _edges(patch.faces[inside])
+    seam = edges[np.isin(edge_keys(patch.faces[inside])[0], edge_keys(rest)[0])]
+    sides = patch.at[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]  # left, bottom, right, top
+    if not len(seam) or not sides[seam].all(1).any(1).all() or len(np.unique(seam[:, 0])) < len(seam):
+        return None
+    z = patch.at[seam, 2]
+    if z.min() < -2 * options.behind or z.max() > options.before:
+        return None
+    following = dict(seam.tolist())
+    _bridge(following, patch.at, options.gap)
+    loop = [int(seam[np.argmin(np.abs(patch.at[seam[:, 0], :2] - outer[[0, 3]]).sum(1)), 0])]
+    while len(loop) < len(following) and following.get(loop[-1]) not in (None, loop[0]):
+        loop.append(following[loop[-1]])
+    along = around_rectangle(patch.at[loop, :2], outer)
+    once = len(loop) == len(following) and following.get(loop[-1]) == loop[0] and along[0] == 0
+    backward = np.clip(-np.diff(along), 0, None).sum()  # folds of the mesh
+    return np.array(loop) if once and backward <= options.folds else None
+
+
+def _bridge(following: dict[int, int], at: Array, gap: float) -> None:
+    """Add to a seam, vertex -> the next one, where holes of the mesh interrupt it by less than a gap."""
+    first, second = set(following), set(following.values())
+    begins = sorted(first - second)
+    for end in sorted(second - first):
+        away = np.linalg.norm(at[begins] - at[end], axis=1) if begins else np.array([np.inf])
+        if away.min() <= gap:
+            following[end] = begins.pop(int(away.argmin()))
+
+
+def _joined(divided: Patch, inside: Index, seam: Index, grid: OpeningGrid) -> Patch:
+    """Put the grid of an opening in the place of faces.
+
+    Args:
+        divided: the patch, divided along the rectangle around the opening.
+        inside: the faces to remove.
+        seam: the vertices to join the grid with.
+        grid: of the opening.
+    """
+    start = len(divided.at)
+    number = np.concatenate([start + np.arange(len(grid.at)), seam[::-1]])  # -1 - k is the k-th of the seam
+    join = number[grid.join(around_rectangle(divided.at[seam, :2], grid.outer))]
+    return Patch(
+        np.concatenate([divided.at, grid.at]),
+        np.concatenate([np.delete(divided.faces, inside, axis=0), start + grid.faces, join]),
+        np.concatenate([divided.source, divided.source[cKDTree(divided.at).query(grid.at)[1]]]),
+    )
 
 
 def _edges(faces: Index) -> Index:

@@ -17,7 +17,7 @@ from mgf_engine.mesh.photo_consistency import PatchOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.openings.detection import Found, WallOpeningOptions, align_edges, openings_in, without_doubles
+from mgf_engine.openings.detection import WallOpeningOptions, align_edges, openings_in, without_doubles
 from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
 from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
@@ -34,7 +34,7 @@ class MeshOpeningOptions:
     upright: float = parameter(37.0, "Maximum angle between a wall and up", "degrees", high=90)
     before: float = parameter(1.5, "Distance before a wall up to which the mesh is looked at; balconies are not",
                               "ground px")  # fmt: skip
-    behind: float = parameter(14.0, "Maximum depth of an opening", "ground px")
+    behind: float = parameter(40.0, "Distance behind a wall up to which the mesh is looked at", "ground px")
     pixel: float = parameter(0.5, "Size of a pixel of the map of depths", "ground px", low=0.05)
     longest_side: int = parameter(6000, "Longest side of the map of depths", "px", low=16)
     detection: WallOpeningOptions = WallOpeningOptions()
@@ -49,7 +49,7 @@ def find_wall_openings(
     photos: EdgePhotos,
     options: MeshOpeningOptions = MeshOpeningOptions(),
 ) -> list[WallOpenings]:
-    """Find the openings in all walls, from the largest wall on; no face belongs to two of them.
+    """Find the openings in all walls, from the largest wall on; no face lies over two of them.
 
     Args:
         mesh: normalised frame, its planar parts in their planes.
@@ -70,7 +70,6 @@ def find_wall_openings(
         wall = _in_wall(mesh, free, frame, own, area, options)
         if wall is not None:
             found.append(wall)
-            free[wall.faces] = False
     return _with_photo_edges(found, photos, options.detection)
 
 
@@ -115,7 +114,7 @@ def _in_wall(
 
     Args:
         mesh: normalised frame.
-        free: faces that belong to no opening of another wall, bool [F].
+        free: faces that lie over no opening of another wall, bool [F]; those over an opening found here are cleared.
         frame: of the wall.
         own: the faces that its plane was found on.
         area: of these, square ground pixels.
@@ -125,25 +124,24 @@ def _in_wall(
     corners = at[mesh.faces[own]].reshape(-1, 3)[:, :2]
     low, high = corners.min(0) - _SPACE, corners.max(0) + _SPACE
     resolution = max(o.pixel, float((high - low).max()) / o.longest_side)
-    near = (at[:, 2] > -o.behind) & (at[:, 2] < o.before)
+    near = np.abs(at[:, 2]) < o.behind
     faces = np.flatnonzero(free & near[mesh.faces[:, 0]] & near[mesh.faces[:, 1]] & near[mesh.faces[:, 2]])
     faces = faces[overlapping(at, mesh.faces[faces], low, high)]
-    used, corner = np.unique(mesh.faces[faces], return_inverse=True)
+    used, corner = np.unique(mesh.faces[faces[(at[mesh.faces[faces], 2] < o.before).all(1)]], return_inverse=True)
     pixels = np.column_stack([(at[used, 0] - low[0]) / resolution, (high[1] - at[used, 1]) / resolution, at[used, 2]])
     width, height = np.ceil((high - low) / resolution).astype(int).tolist()
     seen = render_parallel(pixels, corner.reshape(-1, 3).astype(np.int32), height, width)
     depth = np.where(seen.face >= 0, -seen.depth, np.float32(np.nan))
-    found = openings_in(depth, 1.0, resolution, area / resolution**2, o.detection)
-    boxes = np.array([one.box for one in without_doubles([Found(score, box, 0) for score, box in found])])
-    if not len(boxes):
+    found = list(openings_in(depth, 1.0, resolution, area / resolution**2, o.detection))
+    found = [found[k] for k in without_doubles(found)]
+    if not found:
         return None
-    boxes = align_edges(boxes, o.detection.aligned / resolution) * resolution
+    boxes = align_edges(np.array([one.box for one in found]), o.detection.aligned / resolution) * resolution
     boxes = np.tile([low[0], high[1]], 2) + boxes * np.array([1, -1, 1, -1])
-    near = np.zeros(len(faces), bool)
-    around = o.cut.slope + o.cut.around
     for left, top, right, bottom in boxes:
-        near |= overlapping(at, mesh.faces[faces], np.array([left, bottom]) - around, np.array([right, top]) + around)
-    return WallOpenings(frame, boxes, faces[near])
+        over = overlapping(at, mesh.faces[faces], np.array([left, bottom]), np.array([right, top]))
+        free[faces[over]] = False
+    return WallOpenings(frame, boxes, np.array([one.depth for one in found]))
 
 
 def _with_photo_edges(

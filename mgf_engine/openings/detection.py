@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find openings in the depth map of a wall: rectangles at which the mesh lies behind the wall's plane.
 
-The mesh slopes from the wall into an opening, over several pixels and never evenly. Each edge is put where the median
-over the rows that cross it is half as deep as the opening, which does not depend on where a border frays.
+The mesh slopes from the wall into an opening, over several pixels and never evenly, and panes are worse: where they
+mirror, the mesh lies far behind them, has holes, or comes forward to the wall. The depth of an opening is therefore one
+that most of it reaches, and each edge is put where a quarter of the rows that cross it are half as deep as that.
 """
 
 from __future__ import annotations
@@ -27,35 +28,59 @@ class WallOpeningOptions:
     """Options of openings that are found by their depth in a wall."""
 
     depth: float = parameter(1.0, "Minimum depth behind the wall", "ground px", low=0.1)
+    deepest: float = parameter(14.0, "Depth from which it does not matter how deep", "ground px")
+    holes: float = parameter(
+        0.8,
+        "Minimum share of the surroundings of a hole in the mesh that is deep, so that the hole counts as deep",
+        high=1,
+    )
+    middle: float = parameter(0.2, "Margin around an opening's middle, as a share of its sides", high=0.45)
+    uneven: float = parameter(0.75, "Median deviation of the middle's depth from which it is a pane that mirrors",
+                              "ground px")  # fmt: skip
+    bottom: tuple[float, float] = parameter(
+        (50.0, 35.0),
+        "Percentile of depths that is the depth of an opening, and of one whose pane mirrors",
+        "%",
+        high=100,
+    )
+    crossing: tuple[float, float] = parameter(
+        (50.0, 25.0), "Share of the rows across an edge that are deep on its inner side, of an opening, and of such "
+        "a one", "%", high=100,
+    )  # fmt: skip
     shape: float = parameter(1.0, "Maximum depth, as a share of the shorter side")
     side: float = parameter(10.0, "Minimum length of a side", "ground px")
-    filled: float = parameter(0.8, "Minimum share of the rectangle that is half as deep or deeper", high=1)
-    corners: float = parameter(0.3, "Minimum share of its corners that is; a round window has none", high=1)
+    filled: tuple[float, float] = parameter(
+        (0.8, 0.65), "Minimum share of the rectangle that is half as deep or deeper, of an opening, and of such a one",
+        high=1,
+    )  # fmt: skip
+    corners: float = parameter(
+        0.3, "Minimum share that is deep of three of its corners; a round window has none", high=1
+    )
     corner_side: float = parameter(30.0, "Length of the shorter side from which the corners count", "ground px")
     around: float = parameter(0.7, "Minimum share of its surroundings that is wall", high=1)
-    largest: float = parameter(0.25, "Maximum area, as a share of the wall's", high=1)
+    largest: float = parameter(0.4, "Maximum area, as a share of the wall's", high=1)
     aligned: float = parameter(3.0, "Distance within which edges of openings are put on one line", "ground px")
     edges: OpeningEdgeOptions = OpeningEdgeOptions()
 
 
-class Found(NamedTuple):
-    """An opening in a wall.
+class Opening(NamedTuple):
+    """An opening in the depth map of a wall.
 
     Attributes:
         score: how much like a rectangle it is, 0..1.
         box: left, top, right, bottom in pixels of the map, [4].
-        wall: number of the wall.
+        depth: of its bottom behind the wall, unit of the map.
     """
 
     score: float
     box: Array
-    wall: int
+    depth: float
 
 
 def openings_in(
     depth: NDArray[np.float32], pixel: float, resolution: float, area: float, options: WallOpeningOptions
-) -> Iterator[tuple[float, Array]]:
-    """Yield the openings in the depth map of a wall: how much like a rectangle each is, and left, top, right, bottom.
+) -> Iterator[Opening]:
+    """Yield the openings in the depth map of a wall.
 
     Args:
         depth: behind the wall's plane at each pixel, any unit, NaN where nothing is seen, [H, W].
@@ -64,58 +89,130 @@ def openings_in(
         area: of the wall, in pixels of the map.
         options: what counts as an opening.
     """
-    side = options.side * pixel / resolution
-    margin = round(side) + 1
+    pixel /= resolution
+    margin = round(options.side * pixel) + 1
+    depth = np.minimum(depth / np.float32(resolution), np.float32(options.deepest * pixel))
+    depth = _closed(depth, options.depth * pixel, options.holes)
+    depth = np.pad(depth, margin, constant_values=np.nan)  # what is beyond the map is no wall
     deep = (depth > options.depth * pixel).astype(np.uint8)
     _, part, stats, _ = cv2.connectedComponentsWithStats(deep, connectivity=4)
     for k, (x, y, w, h, count) in enumerate(stats.tolist()):
-        if k == 0 or count > options.largest * area or min(w, h) < 0.5 * side:
+        if k == 0 or count > options.largest * area or min(w, h) < 0.5 * options.side * pixel:
             continue
-        x0, y0 = max(0, x - margin), max(0, y - margin)
-        near = slice(y0, y + h + margin), slice(x0, x + w + margin)
-        bottom = float(np.median(depth[near][part[near] == k]))
-        share = depth[near] / np.float32(bottom)
-        rectangle = _edges(share, (x - x0, y - y0, x + w - x0, y + h - y0), round(side))
-        size = rectangle[2:] - rectangle[:2]
-        if size.min() >= side and bottom <= options.shape * size.min() * resolution:
-            filled, corners, around = _filling(share, rectangle, side)
-            if size.min() * resolution < options.corner_side * pixel:  # the mesh rounds corners by some pixels
-                corners = 1.0
-            if filled >= options.filled and corners >= options.corners and around >= options.around:
-                yield filled * around, rectangle + np.array([x0, y0, x0, y0])
+        near = slice(y - margin, y + h + margin), slice(x - margin, x + w + margin)
+        found = _fit_best(depth[near], part[near] == k, pixel, options)
+        if found is not None:
+            shift = np.array([x, y, x, y]) - 2 * margin
+            yield found._replace(box=found.box + shift, depth=found.depth * resolution)
 
 
-def _edges(share: NDArray[np.float32], box: tuple[int, int, int, int], reach: int) -> Array:
-    """Put the edges of a box [left, top, right, bottom] where the depth's share crosses a half; from its middle on."""
+def _fit_best(
+    depth: NDArray[np.float32], part: NDArray[np.bool_], pixel: float, options: WallOpeningOptions
+) -> Opening | None:
+    """Fit an opening to a deep part of a map as :func:`_fit` does; with a pane that mirrors if its middle is uneven."""
+    found = _fit(depth, part, pixel, 0, options)
+    if found is not None:
+        middle = _middle(depth, found.box, options.middle)
+        if np.nanmedian(np.abs(middle - found.depth)) <= options.uneven * pixel:
+            return found
+    return _fit(depth, part, pixel, 1, options) or found
+
+
+def _fit(
+    depth: NDArray[np.float32], part: NDArray[np.bool_], pixel: float, pane: int, options: WallOpeningOptions
+) -> Opening | None:
+    """Fit an opening to a deep part of a map.
+
+    Args:
+        depth: map around the part, pixels of the map, [H, W].
+        part: its pixels, [H, W].
+        pixel: a ground pixel, in pixels of the map.
+        pane: 0 for an opening, 1 for one whose pane mirrors.
+        options: limits.
+
+    Returns:
+        In pixels of the map; None if the part is like no opening.
+    """
+    side, (rows, columns) = options.side * pixel, np.nonzero(part)
+    bottom = float(np.percentile(depth[part], options.bottom[pane]))
+    share = depth / np.float32(bottom)
+    box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
+    rectangle = _edges(share, box, round(side), 100 - options.crossing[pane])
+    shortest = float((rectangle[2:] - rectangle[:2]).min())
+    if shortest < side or bottom > options.shape * shortest:
+        return None
+    filled, corners, around = _filling(share, rectangle, side)
+    if shortest < options.corner_side * pixel:  # the mesh rounds corners by some pixels
+        corners = 1.0
+    if filled < options.filled[pane] or corners < options.corners or around < options.around:
+        return None
+    percentile = options.bottom[pane]
+    return Opening(
+        filled * around, rectangle, float(np.nanpercentile(_middle(depth, rectangle, options.middle), percentile))
+    )
+
+
+def _middle(depth: NDArray[np.float32], box: Array, margin: float) -> NDArray[np.float32]:
+    """Return the middle of a map [H, W] within left, top, right, bottom, less a margin in shares of their distances."""
+    inward = margin * np.tile(box[2:] - box[:2], 2) * np.array([1, 1, -1, -1])
+    left, top, right, bottom = np.rint(box + inward).astype(int)
+    return depth[top:bottom, left:right]
+
+
+def _closed(depth: NDArray[np.float32], deep: float, share: float) -> NDArray[np.float32]:
+    """Return a depth map [H, W] whose holes (NaN), where they lie within what is deep, have the depth around them.
+
+    Args:
+        depth: behind the wall, any unit.
+        deep: depth from which a pixel counts as deep, same unit.
+        share: minimum share of the pixels around a hole that is deep.
+    """
+    result = depth.copy()
+    _, part, stats, _ = cv2.connectedComponentsWithStats(np.isnan(depth).astype(np.uint8), connectivity=4)
+    height, width = depth.shape
+    for k, (x, y, w, h, _) in enumerate(stats.tolist()):
+        if k == 0 or min(x, y) == 0 or x + w == width or y + h == height:
+            continue
+        near = slice(y - 1, y + h + 1), slice(x - 1, x + w + 1)
+        hole = part[near] == k
+        around = depth[near][(cv2.dilate(hole.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & ~hole]
+        if (around > deep).mean() >= share:
+            result[near][hole] = np.nanmedian(around)
+    return result
+
+
+def _edges(share: NDArray[np.float32], box: tuple[int, int, int, int], reach: int, percentile: float) -> Array:
+    """Put the edges of a box [left, top, right, bottom] where a percentile of the depth's share crosses a half."""
     left, top, right, bottom = box
     height, width = share.shape
     rows = slice(top + (bottom - top) // 5, bottom - (bottom - top) // 5)
     columns = slice(left + (right - left) // 5, right - (right - left) // 5)
     seen = np.nan_to_num(share)
-    across = np.median(seen[rows, max(0, left - reach) : min(width, right + reach)], axis=0)
-    down = np.median(seen[max(0, top - reach) : min(height, bottom + reach), columns], axis=1)
+    across = np.percentile(seen[rows, max(0, left - reach) : min(width, right + reach)], percentile, axis=0)
+    down = np.percentile(seen[max(0, top - reach) : min(height, bottom + reach), columns], percentile, axis=1)
     x, y = _crossings(across), _crossings(down)
     low = np.array([max(0, left - reach), max(0, top - reach)])
     return np.array([x[0] + low[0], y[0] + low[1], x[1] + low[0], y[1] + low[1]])
 
 
-def _crossings(profile: NDArray[np.float32]) -> tuple[float, float]:
-    """Find the positions left and right of its middle at which a profile [n] first crosses a half, in pixels."""
-    middle = len(profile) // 2
-    if profile[middle] < 0.5:
-        return float(middle), float(middle)
-    first = next((k for k in range(middle, -1, -1) if profile[k] < 0.5), -1)
-    last = next((k for k in range(middle, len(profile)) if profile[k] < 0.5), len(profile))
-    begin, end = float(first + 1), float(last)
-    if first >= 0:
-        begin = first + 0.5 + float((0.5 - profile[first]) / (profile[first + 1] - profile[first]))
-    if last < len(profile):
-        end = last + 0.5 - float((0.5 - profile[last]) / (profile[last - 1] - profile[last]))
+def _crossings(profile: NDArray[np.floating]) -> tuple[float, float]:
+    """Find the positions in pixels at which the longest run of a profile [n] above a half begins and ends."""
+    on = np.flatnonzero(profile >= 0.5)
+    if not len(on):
+        return 0.5 * len(profile), 0.5 * len(profile)
+    run = max(np.split(on, np.flatnonzero(np.diff(on) > 1) + 1), key=len)
+    first, last = int(run[0]), int(run[-1])
+    begin, end = float(first), float(last + 1)
+    if first > 0:
+        begin = first + 0.5 - float((profile[first] - 0.5) / (profile[first] - profile[first - 1]))
+    if last < len(profile) - 1:
+        end = last + 0.5 + float((profile[last] - 0.5) / (profile[last] - profile[last + 1]))
     return begin, end
 
 
 def _filling(share: NDArray[np.float32], rectangle: Array, side: float) -> tuple[float, float, float]:
-    """Return the share of a rectangle that is deep, of its corners that are, and of what is around that is wall."""
+    """Return the share of a rectangle that is deep, of its corner that is so third best, and of its surroundings that
+    is wall."""
     margin = max(2, round(0.4 * side))
     left, top, right, bottom = np.rint(rectangle).astype(int)
     rows = np.arange(max(0, top - margin), min(share.shape[0], bottom + margin))[:, None]
@@ -126,22 +223,25 @@ def _filling(share: NDArray[np.float32], rectangle: Array, side: float) -> tuple
     beside = (rows < top - gap) | (rows >= bottom + gap) | (columns < left - gap) | (columns >= right + gap)
     wall, deep = np.abs(near[beside]) < 0.5, near >= 0.5
     high, wide = max(1, (bottom - top) // 6), max(1, (right - left) // 6)
-    outer = ((rows < top + high) | (rows >= bottom - high)) & ((columns < left + wide) | (columns >= right - wide))
-    shares = (float(deep[inside].mean()), float(deep[inside & outer].mean()))
-    return *shares, float(wall.mean()) if wall.size else 0.0
+    corners = sorted(
+        float(deep[inside & up & side].mean())
+        for up in (rows < top + high, rows >= bottom - high)
+        for side in (columns < left + wide, columns >= right - wide)
+    )
+    return float(deep[inside].mean()), corners[1], float(wall.mean()) if wall.size else 0.0
 
 
-def without_doubles(found: Sequence[Found]) -> list[Found]:
-    """Drop rectangles that overlap one of a higher score (non-maximum suppression).
+def without_doubles(found: Sequence[Opening]) -> list[int]:
+    """Return the places of openings that overlap none of a higher score (non-maximum suppression), best first.
 
     Two overlap where they share 0.3 of the smaller one's area: a pane in its window is dropped, too.
     """
-    kept = list[Found]()
-    for one in sorted(found, key=lambda entry: -entry.score):
-        others, this = np.array([other.box for other in kept]).reshape(-1, 4), one.box[None]
+    kept = list[int]()
+    for place in sorted(range(len(found)), key=lambda k: -found[k].score):
+        others, this = np.array([found[k].box for k in kept]).reshape(-1, 4), found[place].box[None]
         smaller = np.minimum(box_areas(others), box_areas(this))
         if (intersection_areas(this, others)[0] < 0.3 * smaller).all():
-            kept.append(one)
+            kept.append(place)
     return kept
 
 

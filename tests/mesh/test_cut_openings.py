@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Openings cut into a wall: a flat bottom, reveals at right angles, sharp edges; nothing where the mesh is no sheet."""
+"""Openings cut into a wall: a flat bottom, reveals at right angles, sharp edges; none where the wall is no sheet."""
 
 from dataclasses import replace
 
@@ -34,8 +34,9 @@ def sloped(boxes=(BOX,), slope=3.0, depth=DEPTH, extra=None):
     return joined(sheet(LINE, LINE, place))
 
 
-def wall_of(mesh, boxes=(BOX,), frame=FRAME):
-    return [WallOpenings(frame, np.array(boxes).reshape(-1, 4), np.arange(len(mesh.faces)))]
+def wall_of(boxes=(BOX,), frame=FRAME, depth=DEPTH):
+    boxes = np.array(boxes).reshape(-1, 4)
+    return [WallOpenings(frame, boxes, np.full(len(boxes), depth))]
 
 
 def is_in(points, box, slack=1e-9):
@@ -61,7 +62,7 @@ def from_truth(mesh, boxes=(BOX,), depth=DEPTH):
 def test_the_slope_becomes_a_sharp_opening(boxes):
     mesh = sloped(boxes)
     assert from_truth(mesh, boxes).max() > 1.2
-    result, count = cut_openings(mesh, wall_of(mesh, boxes))
+    result, count = cut_openings(mesh, wall_of(boxes))
     assert count == len(boxes)
     assert from_truth(result, boxes).max() < 1e-6
     assert len(open_edges(result)[0]) == len(open_edges(mesh)[0]), "the faces hang together as before"
@@ -76,68 +77,95 @@ def test_the_slope_becomes_a_sharp_opening(boxes):
 
 def test_area_of_the_wall_bottom_and_reveals_is_that_of_a_box():
     mesh = sloped()
-    result, _ = cut_openings(mesh, wall_of(mesh))
+    result, _ = cut_openings(mesh, wall_of())
     corners = result.vertices[result.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     left, top, right, bottom = BOX
     assert area == pytest.approx(150.0**2 + 2 * (right - left + top - bottom) * DEPTH, rel=1e-9)
 
 
-def test_slopes_that_overhang_are_unfolded():
-    mesh = sloped(slope=1.5)
+def overhanging(mesh):
     at = mesh.vertices.copy()
     inward = np.clip(-at[:, 2] / DEPTH, 0, 1)
     at[:, 0] += 2.5 * np.sin(np.pi * inward) * np.where(at[:, 0] < 65, 1, -1) * (inward < 0.5)
     folded = replace(mesh, vertices=at)
     assert (face_normals(folded)[:, 2] < 0).any()
-    result, count = cut_openings(folded, wall_of(mesh))
-    assert count == 1 and from_truth(result).max() < 1e-6 and (face_normals(result)[:, 2] > -1e-6).all()
+    return folded
 
 
-@pytest.mark.parametrize("side", [3, 6])
-def test_a_closed_part_that_floats_beside_an_opening_stays_as_it_is(side):
-    wall, part = sloped(), cuboid(side, side, side)
-    start = len(wall.vertices)
-    vertices = np.concatenate([wall.vertices, part.vertices + np.array([81.5, 70.0, -0.8 - side])])
-    both = Mesh(vertices, np.concatenate([wall.faces, part.faces + np.int32(start)]), np.zeros_like(vertices, np.uint8))
-    result, count = cut_openings(both, wall_of(both))
-    assert count == 1 and np.isfinite(result.vertices).all()
-    np.testing.assert_allclose(result.vertices[start : len(vertices)], vertices[start:], atol=1e-9)
-
-
-def test_values_colours_and_what_lies_apart_stay():
-    mesh = sloped()
-    colors = np.random.default_rng(0).integers(0, 255, mesh.vertices.shape).astype(np.uint8)
-    mesh = replace(mesh, colors=colors, values={"views": np.arange(len(mesh.vertices))})
-    result, _ = cut_openings(mesh, wall_of(mesh))
-    far = ~is_in(mesh.vertices, BOX, 9.0)
-    count = len(mesh.vertices)
-    np.testing.assert_allclose(result.vertices[:count][far], mesh.vertices[far], atol=1e-9)
-    np.testing.assert_array_equal(result.colors[:count], colors)
-    new = result.values["views"][count:]
-    assert (np.linalg.norm(mesh.vertices[new] - result.vertices[count:], axis=1) < 5).all(), "those of a near vertex"
-    moved = np.linalg.norm(result.vertices[:count] - mesh.vertices, axis=1) > 1e-6
-    assert result.values[ON_PLANE][:count][moved].all() and result.values[ON_PLANE][count:].all()
-
-
-def with_hole(mesh):
-    centre = mesh.vertices[mesh.faces].mean(1)
-    kept = ~is_in(centre, np.array([60.0, 80.0, 66.0, 74.0]))
+def without_faces(mesh, box):
+    kept = ~is_in(mesh.vertices[mesh.faces].mean(1), np.array(box))
     return Mesh(mesh.vertices, mesh.faces[kept], mesh.colors)
 
 
 @pytest.mark.parametrize(
     "mesh",
     [
-        sloped(depth=0.5),
+        overhanging(sloped(slope=1.5)),
         sloped(extra=lambda u, v: np.where(np.hypot(u - 65, v - 75) < 12, 6 * np.sin(u) * np.cos(v), 0)),
-        with_hole(sloped()),
-        Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8)),
+        without_faces(sloped(), [60.0, 80.0, 66.0, 74.0]),
     ],
-    ids=["shallow", "uneven", "a hole", "no sheet"],
+    ids=["overhanging slopes", "an uneven pane", "a hole in the pane"],
 )
-def test_what_is_no_sheet_with_a_flat_bottom_stays(mesh):
-    result, count = cut_openings(mesh, wall_of(mesh))
+def test_what_the_mesh_is_within_an_opening_does_not_matter(mesh):
+    result, count = cut_openings(mesh, wall_of())
+    assert count == 1 and from_truth(result).max() < 1e-6 and (face_normals(result)[:, 2] > -1e-6).all()
+    assert len(open_edges(result)[0]) == 400, "those around the wall"
+
+
+def with_part(wall, part, at):
+    vertices = np.concatenate([wall.vertices, part.vertices + np.array(at)])
+    faces = np.concatenate([wall.faces, part.faces + np.int32(len(wall.vertices))])
+    return Mesh(vertices, faces, np.zeros_like(vertices, np.uint8))
+
+
+@pytest.mark.parametrize(("place", "stays"), [((81.5, 70.0, -6.8), False), ((81.5, 70.0, 1.0), True)])
+def test_closed_parts_behind_an_opening_go_and_those_before_it_stay(place, stays):
+    part = cuboid(3, 3, 3)
+    result, count = cut_openings(with_part(sloped(), part, place), wall_of())
+    near = np.linalg.norm(result.vertices[:, None] - (part.vertices + np.array(place)), axis=2).min(0) < 1e-9
+    assert count == 1 and near.all() == near.any() == stays
+
+
+def test_a_sill_before_the_wall_stays():
+    left, _top, right, bottom = BOX
+
+    def sill(u, v):
+        return np.where((v < bottom - 1) & (v > bottom - 3.6) & (u > left) & (u < right), 2.0, 0.0)
+
+    result, count = cut_openings(sloped(extra=sill), wall_of())
+    assert count == 1 and result.vertices[:, 2].max() == pytest.approx(2.0, abs=0.5)
+
+
+def test_values_and_colours_are_those_of_near_vertices_and_what_lies_apart_stays():
+    mesh = sloped()
+    colors = np.random.default_rng(0).integers(0, 255, mesh.vertices.shape).astype(np.uint8)
+    mesh = replace(mesh, colors=colors, values={"views": np.arange(len(mesh.vertices))})
+    result, _ = cut_openings(mesh, wall_of())
+    source = result.values["views"]
+    np.testing.assert_array_equal(result.colors, colors[source])
+    assert (np.linalg.norm(mesh.vertices[source] - result.vertices, axis=1) < 5).all(), "those of a near vertex"
+    far = mesh.vertices[~is_in(mesh.vertices, BOX, 15.0)]
+    kept = {tuple(vertex) for vertex in result.vertices}
+    assert all(tuple(vertex) in kept for vertex in far), "to the bit"
+    same = (result.vertices == mesh.vertices[source]).all(1)
+    np.testing.assert_array_equal(result.values[ON_PLANE][~same], 1)
+    assert not result.values[ON_PLANE][~is_in(result.vertices, BOX, 15.0)].any()
+
+
+@pytest.mark.parametrize(
+    ("mesh", "depth"),
+    [
+        (sloped(depth=0.5), 0.5),
+        (sloped(), 20.0),
+        (without_faces(sloped(), [20.0, 80.0, 53.0, 40.0]), DEPTH),
+        (sloped((np.array([20.0, 120.0, 110.0, 30.0]),)), DEPTH),
+        (Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8)), DEPTH),
+    ],
+    ids=["shallow", "a passage", "no mesh beside it", "no wall around it", "one face"],
+)
+def test_nothing_is_cut(mesh, depth):
+    result, count = cut_openings(mesh, wall_of(depth=depth))
     assert count == 0 and result is mesh
 
 
@@ -148,8 +176,8 @@ def test_any_frame_and_scale():
     frame = WallFrame(np.array([3.0, -2.0, 7.0]), 0.02 * turn)
     mesh = sloped()
     moved = replace(mesh, vertices=frame.points(mesh.vertices))
-    here, _ = cut_openings(mesh, wall_of(mesh))
-    there, count = cut_openings(moved, wall_of(moved, frame=frame), CutOptions())
+    here, _ = cut_openings(mesh, wall_of())
+    there, count = cut_openings(moved, wall_of(frame=frame), CutOptions())
     assert count == 1
     assert from_truth(replace(there, vertices=frame.coordinates(there.vertices))).max() < 1e-6
     assert len(there.faces) == len(here.faces)

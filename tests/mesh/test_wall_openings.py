@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mgf_engine.mesh.cut_openings import cut_openings
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.wall_openings import MeshOpeningOptions, edge_photos, find_wall_openings
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.openings.detection import WallOpeningOptions
 from tests.mesh.test_cut_openings import BOX, sloped
 from tests.support.wall_photos import cameras
 
@@ -57,7 +60,7 @@ def test_edges_come_from_the_photos_but_lower_ones():
     [
         ({}, np.array([0.0, 0.0, 1.0])),
         ({"area": 1e6}, UP),
-        ({"behind": 2.0}, UP),
+        ({"detection": WallOpeningOptions(shape=0.05)}, UP),
     ],
     ids=["a roof", "small walls", "too deep"],
 )
@@ -65,8 +68,40 @@ def test_none_are_found_in(change, up):
     assert found(sloped(), up, options=replace(MeshOpeningOptions(), **change)) == []
 
 
-def test_faces_around_an_opening_belong_to_one_wall():
+def test_one_opening_is_not_found_in_two_walls():
     mesh = sloped((BOX, OTHER))
+    shifted = replace(mesh, vertices=mesh.vertices - np.array([0.0, 0.0, 8.0]))
+    count = len(mesh.vertices)
+    both = Mesh(
+        np.concatenate([mesh.vertices, shifted.vertices]),
+        np.concatenate([mesh.faces, shifted.faces + np.int32(count)]),
+        np.zeros((2 * count, 3), np.uint8),
+    )
+    assert sorted(len(wall.boxes) for wall in found(both)) == [2]
+
+
+def mirroring(mesh, rng):
+    """The same mesh with panes that mirror: farther behind the wall in places, before it in others, with holes."""
+    at, left, top, right, bottom = mesh.vertices.copy(), *BOX
+    u, v = (at[:, 0] - left) / (right - left), (at[:, 1] - bottom) / (top - bottom)
+    pane = (u > 0.15) & (u < 0.85) & (v > 0.1) & (v < 0.9)
+    at[pane & (v < 0.4), 2] -= 6.0
+    at[pane & (u > 0.6) & (v > 0.6), 2] += 2.5
+    hole = (np.abs(u - 0.4) < 0.1) & (np.abs(v - 0.3) < 0.1)
+    kept = ~hole[mesh.faces].any(1) & ~(pane[mesh.faces].all(1) & (rng.random(len(mesh.faces)) < 0.02))
+    return Mesh(at, mesh.faces[kept], mesh.colors)
+
+
+def test_an_opening_whose_pane_mirrors_is_found_and_cut():
+    mesh = mirroring(sloped(), np.random.default_rng(0))
     walls = found(mesh)
-    faces = np.concatenate([wall.faces for wall in walls])
-    assert len(np.unique(faces)) == len(faces) < len(mesh.faces)
+    np.testing.assert_allclose(walls[0].boxes[0], BOX, atol=2.0)
+    assert walls[0].depths[0] == pytest.approx(3.0, abs=0.8)
+    result, count = cut_openings(mesh, walls)
+    left, top, right, bottom = walls[0].boxes[0]
+    centre = result.vertices[result.faces].mean(1)
+    within = (np.abs(centre[:, 0] - (left + right) / 2) < 0.45 * (right - left)) & (
+        np.abs(centre[:, 1] - (top + bottom) / 2) < 0.45 * (top - bottom)
+    )
+    assert count == 1
+    np.testing.assert_allclose(centre[within, 2], -walls[0].depths[0], atol=0.05)
