@@ -35,7 +35,7 @@ Index = NDArray[np.int64]
 class CutOptions:
     """Options of cutting openings into a mesh."""
 
-    margins: tuple[float, ...] = parameter(
+    margins: tuple[float, float, float, float, float] = parameter(
         (5.0, 8.0, 12.0, 3.0, 2.0), "Distances from an opening at which the mesh may be wall again; the first at "
         "which it is counts", "ground px", low=0.5,
     )  # fmt: skip

@@ -38,14 +38,11 @@ class WallOpeningOptions:
     uneven: float = parameter(0.75, "Median deviation of the middle's depth from which it is a pane that mirrors",
                               "ground px")  # fmt: skip
     bottom: tuple[float, float] = parameter(
-        (50.0, 35.0),
-        "Percentile of depths that is the depth of an opening, and of one whose pane mirrors",
-        "%",
-        high=100,
+        (0.5, 0.35), "Quantile of depths that is the depth of an opening, and of one whose pane mirrors", high=1
     )
     crossing: tuple[float, float] = parameter(
-        (50.0, 25.0), "Share of the rows across an edge that are deep on its inner side, of an opening, and of such "
-        "a one", "%", high=100,
+        (0.5, 0.25), "Share of the rows across an edge that are deep on its inner side, of an opening, and of such a one",
+        high=1,
     )  # fmt: skip
     shape: float = parameter(1.0, "Maximum depth, as a share of the shorter side")
     side: float = parameter(10.0, "Minimum length of a side", "ground px")
@@ -134,10 +131,10 @@ def _fit(
         In pixels of the map; None if the part is like no opening.
     """
     side, (rows, columns) = options.side * pixel, np.nonzero(part)
-    bottom = float(np.percentile(depth[part], options.bottom[pane]))
+    bottom = float(np.quantile(depth[part], options.bottom[pane]))
     share = depth / np.float32(bottom)
     box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
-    rectangle = _edges(share, box, round(side), 100 - options.crossing[pane])
+    rectangle = _edges(share, box, round(side), 1 - options.crossing[pane])
     shortest = float((rectangle[2:] - rectangle[:2]).min())
     if shortest < side or bottom > options.shape * shortest:
         return None
@@ -146,10 +143,8 @@ def _fit(
         corners = 1.0
     if filled < options.filled[pane] or corners < options.corners or around < options.around:
         return None
-    percentile = options.bottom[pane]
-    return Opening(
-        filled * around, rectangle, float(np.nanpercentile(_middle(depth, rectangle, options.middle), percentile))
-    )
+    inner = _middle(depth, rectangle, options.middle)
+    return Opening(filled * around, rectangle, float(np.nanquantile(inner, options.bottom[pane])))
 
 
 def _middle(depth: NDArray[np.float32], box: Array, margin: float) -> NDArray[np.float32]:
@@ -181,15 +176,15 @@ def _closed(depth: NDArray[np.float32], deep: float, share: float) -> NDArray[np
     return result
 
 
-def _edges(share: NDArray[np.float32], box: tuple[int, int, int, int], reach: int, percentile: float) -> Array:
-    """Put the edges of a box [left, top, right, bottom] where a percentile of the depth's share crosses a half."""
+def _edges(share: NDArray[np.float32], box: tuple[int, int, int, int], reach: int, quantile: float) -> Array:
+    """Put the edges of a box [left, top, right, bottom] where a quantile of the depth's share crosses a half."""
     left, top, right, bottom = box
     height, width = share.shape
     rows = slice(top + (bottom - top) // 5, bottom - (bottom - top) // 5)
     columns = slice(left + (right - left) // 5, right - (right - left) // 5)
     seen = np.nan_to_num(share)
-    across = np.percentile(seen[rows, max(0, left - reach) : min(width, right + reach)], percentile, axis=0)
-    down = np.percentile(seen[max(0, top - reach) : min(height, bottom + reach), columns], percentile, axis=1)
+    across = np.quantile(seen[rows, max(0, left - reach) : min(width, right + reach)], quantile, axis=0)
+    down = np.quantile(seen[max(0, top - reach) : min(height, bottom + reach), columns], quantile, axis=1)
     x, y = _crossings(across), _crossings(down)
     low = np.array([max(0, left - reach), max(0, top - reach)])
     return np.array([x[0] + low[0], y[0] + low[1], x[1] + low[0], y[1] + low[1]])
