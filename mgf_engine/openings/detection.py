@@ -41,8 +41,8 @@ class WallOpeningOptions:
         (0.5, 0.35), "Quantile of depths that is the depth of an opening, and of one whose pane mirrors", high=1
     )
     crossing: tuple[float, float] = parameter(
-        (0.5, 0.25), "Share of the rows across an edge that are deep on its inner side, of an opening, and of such a one",
-        high=1,
+        (0.5, 0.25), "Share of the rows across an edge that are deep on its inner side, of an opening, and of "
+        "such a one", high=1,
     )  # fmt: skip
     shape: float = parameter(1.0, "Maximum depth, as a share of the shorter side")
     side: float = parameter(10.0, "Minimum length of a side", "ground px")
