@@ -205,7 +205,9 @@ def overlapping(at: Array, faces: NDArray[np.integer], low: Array, high: Array) 
 
 def touching(faces: NDArray[np.integer], some: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Tell which of faces [F, 3] have a vertex in common with some of them, bool [F]; edges on these may be divided."""
-    return np.asarray(np.isin(faces, faces[some]).any(1))
+    chosen = np.zeros(int(faces.max(initial=-1)) + 1, bool)
+    chosen[faces[some]] = True
+    return np.asarray(chosen[faces].any(1))
 
 
 def _widened(box: Array, margins: Sequence[float]) -> Array:
