@@ -181,9 +181,10 @@ def parallel(name: str, *arguments: Any, pieces: int | None = None) -> None:
         function(*converted)
         for worker in workers:
             worker.result()
-    finally:  # after Ctrl-C others may still be at work in arrays that are about to go
+    except BaseException:  # after Ctrl-C others may still be at work in arrays that are about to go
         counter.value = _NO_PIECES_LEFT
         wait(workers)
+        raise
 
 
 def by_reference(struct: ctypes.Structure) -> ctypes.c_void_p:
