@@ -44,13 +44,13 @@ def test_ctrl_c_is_answered_at_once(style: str, capfd: pytest.CaptureFixture[str
         reporter.stage("scene")
         signal.raise_signal(signal.SIGINT)
         end = time.monotonic() + 20
-        while STOPPING + "\n" not in "".join(said) and time.monotonic() < end:
+        while STOPPING not in "".join(said) and time.monotonic() < end:
             said.append(capfd.readouterr().err)
-            time.sleep(0.02)
+            time.sleep(0.5)  # what is written while it reads is lost
         reporter.check()
 
     assert run_reported(argparse.Namespace(progress=style, cancel_on_eof=False), work) == EXIT_CANCELLED
-    assert STOPPING + "\n" in "".join(said)
+    assert STOPPING in "".join(said)
     assert capfd.readouterr().err.strip().endswith("Cancelled; what was there before is unchanged.")
 
 
