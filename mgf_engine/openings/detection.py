@@ -2,8 +2,9 @@
 """Find openings in the depth map of a wall: rectangles at which the mesh lies behind the wall's plane.
 
 The mesh slopes from the wall into an opening, over several pixels and never evenly, and panes are worse: where they
-mirror, the mesh lies far behind them, has holes, or comes forward to the wall. The depth of an opening is therefore one
-that most of it reaches, and each edge is put where a quarter of the rows that cross it are half as deep as that.
+mirror, the mesh lies far behind them, has holes, or comes forward to the wall. Each edge is put where half of the rows
+that cross it are half as deep as the opening; where its middle is uneven, where a quarter of them are half as deep as
+most of it.
 """
 
 from __future__ import annotations
