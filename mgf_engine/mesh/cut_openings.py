@@ -43,6 +43,8 @@ class CutOptions:
     before: float = parameter(6.0, "Maximum distance before the plane of what the wall has around an opening, as sills",
                               "ground px")  # fmt: skip
     reach: float = parameter(40.0, "Distance from the plane up to which the mesh is looked at", "ground px")
+    pocket: float = parameter(60.0, "Maximum extent of a pocket of the mesh behind the wall beside an opening, and "
+                              "behind its plane", "ground px")  # fmt: skip
     least_depth: float = parameter(0.7, "Minimum depth of an opening", "ground px")
     deepest: float = parameter(13.9, "Depth from which an opening is a passage, and not cut", "ground px")
     gap: float = parameter(2.0, "Width of holes of the mesh along that rectangle that are bridged", "ground px")
@@ -106,10 +108,10 @@ def cut_openings(mesh: Mesh, walls: Sequence[WallOpenings], options: CutOptions 
 def _cut_in_wall(patch: Patch, wall: WallOpenings, options: CutOptions) -> tuple[Patch, int]:
     """Cut the openings of a wall into a mesh in its own coordinates; return it and the number of those cut."""
     at = wall.frame.coordinates(patch.at)
-    near, reach = np.zeros(len(patch.faces), bool), max(options.margins)
-    rows = np.flatnonzero((np.abs(at[:, 2]) < options.reach)[patch.faces].all(1))
+    near = np.zeros(len(patch.faces), bool)
+    rows = np.flatnonzero(((at[:, 2] < options.reach) & (at[:, 2] > -options.pocket))[patch.faces].all(1))
     for box in wall.boxes:
-        near[rows] |= overlapping(at, patch.faces[rows], *_corners(_widened(box, [reach] * 4)))
+        near[rows] |= _near_opening(at, patch.faces[rows], box, options)
     cut = 0
 
     def cut_each(part: Patch) -> Patch:
@@ -139,9 +141,8 @@ def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = Cu
     """
     if not options.least_depth <= depth < options.deepest:
         return None
-    widest = _widened(box, [max(options.margins)] * 4)
-    near = touching(patch.faces, overlapping(patch.at, patch.faces, *_corners(widest)))
-    heights = height_map(patch.at, patch.faces[near], widest, options.before)
+    near = touching(patch.faces, _near_opening(patch.at, patch.faces, box, options))
+    heights = height_map(patch.at, patch.faces[near], _widened(box, [max(options.margins)] * 4), options.before)
     margins = _margins(heights, box, options)
     if margins is None:
         return None
@@ -150,6 +151,7 @@ def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = Cu
     def cut(part: Patch) -> Patch | None:
         divided = _divided(part, outer, options.snap)
         inside = _inside(divided, outer, options)
+        inside = None if inside is None else _with_pockets(divided, inside, outer, options)
         seam = None if inside is None else _seam(divided, inside, outer, options)
         if inside is None or seam is None:
             return None
@@ -208,6 +210,14 @@ def touching(faces: NDArray[np.integer], some: NDArray[np.bool_]) -> NDArray[np.
     chosen = np.zeros(int(faces.max(initial=-1)) + 1, bool)
     chosen[faces[some]] = True
     return np.asarray(chosen[faces].any(1))
+
+
+def _near_opening(at: Array, faces: Index, box: Array, options: CutOptions) -> NDArray[np.bool_]:
+    """Tell which faces are wall around an opening, or behind the wall and within reach of its pockets, bool [F]."""
+    wall = overlapping(at, faces, *_corners(_widened(box, [max(options.margins)] * 4)))
+    behind = (at[:, 2] < -options.behind)[faces].all(1)
+    behind[behind] = overlapping(at, faces[behind], *_corners(_widened(box, [options.pocket] * 4)))
+    return wall | behind
 
 
 def _widened(box: Array, margins: Sequence[float]) -> Array:
@@ -324,6 +334,28 @@ def _inside(patch: Patch, outer: Array, options: CutOptions) -> Index | None:
     sides = (patch.at[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]).any(1)
     stays = np.bincount(part, (sides | (z > 0))[patch.faces[rows]].any(1)) > 0
     return np.asarray(rows[((np.arange(len(area)) == area.argmax()) | ~stays)[part]])
+
+
+def _with_pockets(patch: Patch, inside: Index, outer: Array, options: CutOptions) -> Index:
+    """Return the faces to remove with those of pockets: what else hangs on them, and is behind the wall all over.
+
+    Args:
+        patch: divided along the rectangle.
+        inside: the faces within the rectangle to remove, numbers [K].
+        outer: left, top, right, bottom of the rectangle.
+        options: limits.
+    """
+    rest = np.delete(np.arange(len(patch.faces)), inside)
+    pairs = face_neighbours(patch.faces[rest])
+    part = label_components(len(rest), pairs[:, 0], pairs[:, 1])
+    low, high = _corners(_widened(outer, [options.pocket] * 4))
+    hidden = (patch.at[:, 2] < -options.behind) & (patch.at[:, 2] > -options.pocket)
+    hidden &= (patch.at[:, :2] > low).all(1) & (patch.at[:, :2] < high).all(1)
+    own = np.zeros(len(patch.at), bool)
+    own[patch.faces[inside]] = True
+    hangs = np.bincount(part, own[patch.faces[rest]].any(1)) > 0
+    stays = np.bincount(part, ~hidden[patch.faces[rest]].all(1)) > 0
+    return np.concatenate([inside, rest[(hangs & ~stays)[part]]])
 
 
 def _seam(patch: Patch, inside: Index, outer: Array, options: CutOptions) -> Index | None:

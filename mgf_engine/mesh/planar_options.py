@@ -43,6 +43,10 @@ class PlanarOptions:
     bows: tuple[float, float] = parameter(
         (0.06, 0.3), "Bounds of the noise that a paraboloid through the faces must not exceed", "ground px"
     )
+    bow_share: float = parameter(
+        0.0008, "Root mean square of that paraboloid, as a share of the plane's width, up to which it is an error of"
+        " stereo",
+    )  # fmt: skip
     crease: float = parameter(20.0, "Minimum angle between two planes that meet in an edge", "degrees")
     crease_move: float = parameter(1.5, "Maximum distance that a vertex moves onto an edge or a corner", "ground px")
     rings: int = parameter(3, "Number of edges between a plane's vertices and those that may lie on its crease")

@@ -332,7 +332,8 @@ def _bent(
     across = np.linalg.svd(normal[None])[2][1:]
     flat = (faces.centre[rows] - faces.centre[rows].mean(0)) @ across.T / np.median(faces.pixel[rows])
     area = faces.area[rows]
-    if _width(flat, area) < options.least_width:
+    width = _width(flat, area)
+    if width < options.least_width:
         return True
     places = np.floor(flat / options.bend_cell).astype(np.int64)
     places -= places.min(0)
@@ -342,7 +343,8 @@ def _bent(
     full = sums >= options.bend_area
     waves = np.sqrt((sums * means**2)[full].sum() / max(sums[full].sum(), 1e-12))
     noise = _noise(off - means[cell], area)
-    return bool(waves > options.waves or _bow(flat, off, area) > np.clip(noise, *options.bows))
+    most = max(np.clip(noise, *options.bows), options.bow_share * width)
+    return bool(waves > options.waves or _bow(flat, off, area) > most)
 
 
 def _width(flat: NDArray[np.float64], area: NDArray[np.float64]) -> float:

@@ -105,6 +105,15 @@ def test_slow_waves_of_stereo_do_not_keep_a_wall_from_being_flat():
     assert rms(result.vertices[inside, 2]) < 0.1 < 0.4 < rms(waves(*result.vertices[inside, :2].T))
 
 
+def test_a_long_wall_that_bows_by_half_a_pixel_becomes_flat():
+    """Errors of cameras bend a wall as long as a photo by that much, however smooth its surface is."""
+    line = np.arange(0, 421.0, 3.0)
+    bow = lambda u: 0.6 * (1 - ((u - 210) / 210) ** 2)  # noqa: E731
+    wall = noisy(joined(sheet(line, line[:100], lambda u, v: (u, v, bow(u)))), 0.05)
+    assert flatten_planes(wall, np.ones(len(wall.vertices)), PlanarOptions(bow_share=0.0)).planes is None
+    assert rms(flat(wall).vertices[:, 2] - bow(line).mean()) < 0.05
+
+
 def test_a_wall_on_both_sides_of_a_pipe_is_one_plane():
     """Stereo errs by a fraction of a pixel from one side to the other; two planes would leave a step."""
     line = np.arange(0, 121.0, 1.5)
