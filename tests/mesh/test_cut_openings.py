@@ -93,6 +93,15 @@ def overhanging(mesh):
     return folded
 
 
+def cave():
+    """An opening whose pane goes on behind the wall by 30, as behind panes that mirror."""
+    mesh = sloped(depth=12.0)
+    at = mesh.vertices.copy()
+    at[:, 0] += 30 * np.clip((-at[:, 2] / 12 - 0.5) * 2, 0, 1) * (at[:, 0] > 65)
+    assert at[at[:, 2] < -6, 0].max() > BOX[2] + max(CutOptions().margins)
+    return replace(mesh, vertices=at)
+
+
 def without_faces(mesh, box):
     kept = ~is_in(mesh.vertices[mesh.faces].mean(1), np.array(box))
     return Mesh(mesh.vertices, mesh.faces[kept], mesh.colors)
@@ -104,8 +113,9 @@ def without_faces(mesh, box):
         overhanging(sloped(slope=1.5)),
         sloped(extra=lambda u, v: np.where(np.hypot(u - 65, v - 75) < 12, 6 * np.sin(u) * np.cos(v), 0)),
         without_faces(sloped(), [60.0, 80.0, 66.0, 74.0]),
+        cave(),
     ],
-    ids=["overhanging slopes", "an uneven pane", "a hole in the pane"],
+    ids=["overhanging slopes", "an uneven pane", "a hole in the pane", "a cave behind the wall"],
 )
 def test_what_the_mesh_is_within_an_opening_does_not_matter(mesh):
     result, count = cut_openings(mesh, wall_of())
