@@ -215,7 +215,7 @@ def touching(faces: NDArray[np.integer], some: NDArray[np.bool_]) -> NDArray[np.
 def _near_opening(at: Array, faces: Index, box: Array, options: CutOptions) -> NDArray[np.bool_]:
     """Tell which faces are wall around an opening, or behind the wall and within reach of its pockets, bool [F]."""
     wall = overlapping(at, faces, *_corners(_widened(box, [max(options.margins)] * 4)))
-    behind = (at[:, 2] < -options.behind)[faces].all(1)
+    behind: NDArray[np.bool_] = np.asarray((at[:, 2] < -options.behind)[faces].all(1))
     behind[behind] = overlapping(at, faces[behind], *_corners(_widened(box, [options.pocket] * 4)))
     return wall | behind
 
