@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write files whole or not at all, so that a process that is killed leaves no part of a file in the place of one."""
+"""Write files and folders whole or not at all: a process that is killed leaves no part of one in its place."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import os
+import shutil
 import tempfile
 import time
 from collections.abc import Iterator
@@ -59,6 +60,37 @@ def atomic_path(path: Path) -> Iterator[Path]:
         raise
 
 
+@contextmanager
+def atomic_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = Path(tempfile.mkdtemp(prefix=f".part-{folder.name}-", dir=folder.parent))
+    try:
+        yield beside
+        beside.chmod(0o777 & ~_UMASK)  # mkdtemp makes private folders
+        _replace_folder(beside, folder)
+    except BaseException:
+        shutil.rmtree(beside, ignore_errors=True)
+        raise
+
+
+def _replace_folder(new: Path, folder: Path) -> None:
+    """Put a folder in the place of another one, which stays where it is if that fails."""
+    if not folder.exists():
+        put_in_place(new, folder)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".old-{folder.name}-", dir=folder.parent))
+    try:
+        put_in_place(folder, old / folder.name)
+        put_in_place(new, folder)
+    except BaseException:
+        if not folder.exists():
+            put_in_place(old / folder.name, folder)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
 def write_json(path: Path, data: Any) -> None:
     """Write JSON so that readers see the old file or the new one, never a part."""
     with atomic_path(path) as temporary:
@@ -77,6 +109,9 @@ def json_text(data: Any, encoding: str = "utf-8", **how: Any) -> str:
 
 def sweep(folder: Path) -> None:
     """Remove what a killed process left half-written below ``folder``; only while nobody else writes there."""
-    for path in folder.rglob(".part-*"):
-        with contextlib.suppress(OSError):
-            path.unlink()
+    for path in list(folder.rglob(".part-*")):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            with contextlib.suppress(OSError):
+                path.unlink()

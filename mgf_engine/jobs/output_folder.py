@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mgf_engine.errors import BadInput
+from mgf_engine.files.atomic import atomic_folder
 from mgf_engine.jobs.job_folder import locked, read_job
 from mgf_engine.messages import Reporter
 from mgf_engine.options.config import Config
@@ -86,7 +85,13 @@ def replace_outputs(
     if not complete:
         warn_of_replacement(folder, index, reporter)
     read_job(job)  # or the lock would be left in a folder without a job
-    with locked(job), atomic_folder(folder) as beside:
+    with locked(job), ExitStack() as stack:
+        try:
+            beside = stack.enter_context(atomic_folder(folder))
+        except OSError as error:
+            raise BadInput(
+                f"Cannot write to '{folder.parent}' ({error.strerror}); give --out another folder."
+            ) from error
         yield beside
 
 
@@ -121,41 +126,3 @@ def warn_of_replacement(folder: Path, index: str, reporter: Reporter) -> None:
             f"This run takes the place of the earlier one in '{folder}' ({count} files); stop it and give --out to "
             "keep them."
         )
-
-
-@contextmanager
-def atomic_folder(folder: Path) -> Iterator[Path]:
-    """Return a folder beside that takes the place of ``folder`` when the block ends well, and is removed otherwise.
-
-    Raises:
-        BadInput: nothing can be written there.
-    """
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        beside = Path(tempfile.mkdtemp(prefix=f".part-{folder.name}-", dir=folder.parent))
-    except OSError as error:
-        raise BadInput(f"Cannot write to '{folder.parent}' ({error.strerror}); give --out another folder.") from error
-    try:
-        yield beside
-        beside.chmod(0o755)
-        _swap(beside, folder)
-    except BaseException:
-        shutil.rmtree(beside, ignore_errors=True)
-        raise
-
-
-def _swap(beside: Path, folder: Path) -> None:
-    """Put a folder in the place of another one, which stays where it is if that fails."""
-    if not folder.exists():
-        beside.rename(folder)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f".old-{folder.name}-", dir=folder.parent))
-    try:
-        folder.rename(old / folder.name)
-        beside.rename(folder)
-    except BaseException:
-        if not folder.exists():
-            (old / folder.name).rename(folder)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)

@@ -85,17 +85,11 @@ class Depths:
 
     def _compare(self, index: int, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the depth of points [N, 3] in a view and that of its map where they project, 0 for unknown, [N]."""
-        view = self.photos[index].view
-        local = points @ view.rotation.T + view.translation
-        z, seen = local[:, 2], np.zeros(len(points))
-        if index not in self.maps:
-            return z, seen
-        depth = self.maps[index]
-        uv = local @ view.intrinsics.T / np.maximum(z, 1e-9)[:, None]
-        column, row = np.floor(uv[:, 0]), np.floor(uv[:, 1])
-        height, width = depth.shape
-        inside = (z > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        seen[inside] = depth[row[inside].astype(int), column[inside].astype(int)]
+        uv, z, inside = self.photos[index].view.project_into_frame(points)
+        seen = np.zeros(len(points))
+        if index in self.maps:
+            column, row = uv[inside].astype(np.int64).T
+            seen[inside] = self.maps[index][row, column]
         return z, seen
 
 

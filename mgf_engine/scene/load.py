@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import logging
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput, is_full_disk
-from mgf_engine.files.atomic import put_in_place
+from mgf_engine.files.atomic import atomic_folder, sweep
 from mgf_engine.files.images import UnreadablePhoto, read_infos
 from mgf_engine.messages import Reporter
 from mgf_engine.model.photo_cache import PHOTOS
@@ -66,13 +65,14 @@ def load_scene(
     if not source.is_dir():
         raise BadInput(f"The scene '{source}' is not a folder; give a COLMAP scene or a folder of photos.")
     made = not folder.exists()
-    working = folder / "images.part"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         (folder / FILE).unlink(missing_ok=True)
-        shutil.rmtree(working, ignore_errors=True)
-        working.mkdir()
-        return _load(source, folder, working, config, reporter, clicked, adjust)
+        sweep(folder)
+        with atomic_folder(folder / "images") as working:
+            scene = _load(source, folder, working, config, reporter, clicked, adjust)
+        PHOTOS.clear()  # their files were renamed
+        save_scene(scene)
+        return scene
     except OSError as error:
         if is_full_disk(error):
             raise
@@ -81,7 +81,6 @@ def load_scene(
             f"Cannot read the scene or write to '{folder}' ({reason}); check the disk and the permissions."
         ) from error
     finally:
-        shutil.rmtree(working, ignore_errors=True)
         if made and folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
 
@@ -124,11 +123,7 @@ def _load(
         kept = {wanted[i] for i in used}
         scene = drop_views(scene, [i for i in range(len(photos)) if i not in kept], config.holdout_every)
     scene = _check(scene, working, config, reporter)
-    scene = replace(scene, left_out=(*scene.left_out, *found.unreadable, *found.unplaced))
-    _replace(working, folder / "images")
-    PHOTOS.clear()  # their files were renamed
-    save_scene(scene)
-    return scene
+    return replace(scene, left_out=(*scene.left_out, *found.unreadable, *found.unplaced))
 
 
 def _find(source: Path, folder: Path, config: Config, reporter: Reporter) -> _Found:
@@ -268,8 +263,3 @@ def _tracks(
     inside = ((uv32 >= 0) & (uv32 < limit[track_view])).all(1)
     kept = np.concatenate([[0], np.cumsum(inside)])
     return kept[points.start].astype(np.int64), track_view[inside], uv32[inside]
-
-
-def _replace(new: Path, old: Path) -> None:
-    shutil.rmtree(old, ignore_errors=True)
-    put_in_place(new, old)

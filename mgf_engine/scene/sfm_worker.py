@@ -25,7 +25,7 @@ from typing import Any
 
 import pycolmap
 
-from mgf_engine.files.atomic import put_in_place, write_json
+from mgf_engine.files.atomic import atomic_folder, write_json
 from mgf_engine.scene.colmap import MIN_SFM_PHOTOS
 from mgf_engine.scene.pairs import choose_pairs
 from mgf_engine.system.subprocesses import end_with_the_job
@@ -93,11 +93,8 @@ def _attempt(folder: Path, task: dict[str, Any], affine: bool) -> tuple[pycolmap
 
 
 def _write(model: pycolmap.Reconstruction, target: Path) -> None:
-    partial = target.with_name(MODEL + ".part")
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
-    model.write_binary(partial)
-    put_in_place(partial, target)
+    with atomic_folder(target) as partial:
+        model.write_binary(partial)
 
 
 def _extract(folder: Path, task: dict[str, Any], affine: bool) -> None:

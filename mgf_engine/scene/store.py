@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mgf_engine.errors import BadInput
-from mgf_engine.files.atomic import put_in_place
+from mgf_engine.files.atomic import atomic_path
 from mgf_engine.files.images import read_info
 from mgf_engine.files.safe_npz import read_arrays
 from mgf_engine.model.scene import Lens, Scene, Similarity, View
@@ -37,10 +37,8 @@ def save_scene(scene: Scene) -> None:
     arrays["view_rotation"] = np.array([view.rotation for view in scene.views], np.float64).reshape(-1, 3, 3)
     arrays["view_translation"] = np.array([view.translation for view in scene.views], np.float64).reshape(-1, 3)
     arrays["rotation"], arrays["translation"] = scene.to_normalised.rotation, scene.to_normalised.translation
-    temporary = scene.folder / (FILE + ".part")
-    with temporary.open("wb") as file:
-        np.savez(file, **arrays)
-    put_in_place(temporary, scene.folder / FILE)
+    with atomic_path(scene.folder / FILE) as temporary:
+        np.savez(temporary, **arrays)
 
 
 def read_saved_scene(folder: Path) -> Scene:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder of results is made beside the old one and takes its place whole, or not at all."""
+"""A run for deliverables of a finished job refuses folders of other things, and keeps a record of its files."""
 
 from __future__ import annotations
 
@@ -10,47 +10,9 @@ from pathlib import Path
 import pytest
 
 from mgf_engine.errors import BadInput
-from mgf_engine.jobs.output_folder import Cost, Deliverables, atomic_folder, check_output_folder, warn_of_replacement
+from mgf_engine.jobs.output_folder import Cost, Deliverables, check_output_folder, warn_of_replacement
 from mgf_engine.messages import Message, Reporter
 from mgf_engine.options.config import make_config
-
-
-def test_a_whole_folder_replaces_the_old_one(tmp_path: Path) -> None:
-    out = tmp_path / "drawings"
-    out.mkdir()
-    (out / "old.txt").touch()
-    with atomic_folder(out) as beside:
-        (beside / "new.txt").touch()
-        assert (out / "old.txt").exists()
-    assert [p.name for p in out.iterdir()] == ["new.txt"] and list(tmp_path.iterdir()) == [out]
-
-
-def test_a_failure_leaves_the_old_folder_and_nothing_else(tmp_path: Path) -> None:
-    out = tmp_path / "drawings"
-    out.mkdir()
-    (out / "old.txt").touch()
-    with pytest.raises(ZeroDivisionError), atomic_folder(out):
-        raise ZeroDivisionError
-    assert [p.name for p in out.iterdir()] == ["old.txt"] and list(tmp_path.iterdir()) == [out]
-
-
-def test_ctrl_c_while_the_folders_change_places_leaves_the_old_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "drawings"
-    out.mkdir()
-    (out / "old.txt").touch()
-    rename = Path.rename
-
-    def interrupted(self: Path, target: Path) -> Path:
-        if (self / "new.txt").exists():
-            raise KeyboardInterrupt
-        return rename(self, target)
-
-    monkeypatch.setattr(Path, "rename", interrupted)
-    with pytest.raises(KeyboardInterrupt), atomic_folder(out) as beside:
-        (beside / "new.txt").touch()
-    assert [p.name for p in out.iterdir()] == ["old.txt"] and list(tmp_path.iterdir()) == [out]
 
 
 def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
