@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,19 @@ from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, Stage, stage_named
 
 #: Copy of the clicks that the masks in the folder are made from.
 CLICKS = "prompts.json"
+
+
+@dataclass(frozen=True)
+class JobRequest:
+    """What :meth:`Job.start` is asked for; its arguments, with whole paths of the folder and of files in options."""
+
+    folder: Path
+    source: Path | None
+    prompts: Path | None
+    masks: Path | None
+    user_options: dict[str, Any]
+    resume: bool
+    earlier_options: dict[str, Any] | None
 
 
 class Job:
@@ -108,12 +121,12 @@ class Job:
         folder = folder.resolve()  # like the inputs, so that files of the job are recognised among them
         lock = FileLock(str(folder / ".lock"))
         user_options = _with_whole_paths(user_options or {})
-        plan = partial(cls._plan, folder, lock, source, prompts, masks, user_options, resume, earlier_options)
-        plan()  # raises before anything is written
+        request = JobRequest(folder, source, prompts, masks, user_options, resume, earlier_options)
+        cls._plan(request, lock)  # raises before anything is written
         make_folder(folder)
         acquire(lock, folder)
         try:
-            job = plan()  # again: another process may have finished stages before it released the lock
+            job = cls._plan(request, lock)  # again: another process may have finished stages meanwhile
             tables = {name: value for name in TABLES if (value := getattr(job.config, name))}
             # More than the scene stage leaves out it would refuse, but only when the results of before are gone.
             most = job.config.algorithm(ValidationOptions).most_unreadable
@@ -128,35 +141,19 @@ class Job:
         return job
 
     @classmethod
-    def _plan(
-        cls,
-        folder: Path,
-        lock: FileLock,
-        source: Path | None,
-        prompts: Path | None,
-        masks: Path | None,
-        user_options: dict[str, Any],
-        resume: bool,
-        earlier_options: dict[str, Any] | None,
-    ) -> Job:
-        """Check the arguments of :meth:`start` and make the job, with the record of earlier runs; write nothing."""
-        stages: dict[str, dict[str, Any]] = {}
-        check_one_guide(prompts, masks)
-        if resume and (source is None or (folder / "job.json").exists()):
+    def _plan(cls, request: JobRequest, lock: FileLock) -> Job:
+        """Check a request and make the job, with the record of earlier runs; write nothing."""
+        folder, stages = request.folder, dict[str, dict[str, Any]]()
+        check_one_guide(request.prompts, request.masks)
+        if request.resume and (request.source is None or (folder / "job.json").exists()):
             earlier = read_job(folder)
-            if source is None and not Path(earlier["source"]).exists():
-                raise BadInput(
-                    f"The scene '{earlier['source']}' of this job does not exist; give the folder that it was moved to."
-                )
-            source, stages = source or Path(earlier["source"]), earlier["stages"]
-            if prompts is None and masks is None:  # new clicks or masks replace both
-                prompts, masks = _path(earlier["prompts"]), _path(earlier["masks"])
-            user_options = {**(earlier["given"] if earlier_options is None else earlier_options), **user_options}
+            request, stages = _continued(request, earlier), earlier["stages"]
+        source, prompts, masks = request.source, request.prompts, request.masks
         if source is None:
             raise BadInput("Give the scene to reconstruct: a COLMAP folder or a folder of photos.")
         check_inputs(source, prompts, masks, folder / CLICKS)
-        job = cls(folder, lock, source.resolve(), _resolved(prompts), _resolved(masks), user_options)
-        check_folder(folder, job.source, resume)
+        job = cls(folder, lock, source.resolve(), _resolved(prompts), _resolved(masks), request.user_options)
+        check_folder(folder, job.source, request.resume)
         job.stages = stages
         return job
 
@@ -268,6 +265,24 @@ class Job:
     def adjusts_to_control(self) -> bool:
         """Whether the cameras are adjusted to control points, so that the scene depends on these."""
         return adjusts_to_control(self.config)
+
+
+def _continued(request: JobRequest, earlier: dict[str, Any]) -> JobRequest:
+    """Return the request for a job that goes on: what is not given now is as in the record of earlier runs.
+
+    Raises:
+        BadInput: no scene is given, and that of earlier runs does not exist.
+    """
+    source, options = request.source, request.earlier_options
+    if source is None:
+        source = Path(earlier["source"])
+        if not source.exists():
+            raise BadInput(f"The scene '{source}' of this job does not exist; give the folder that it was moved to.")
+    guides = (request.prompts, request.masks)
+    if guides == (None, None):  # new clicks or masks replace both
+        guides = _path(earlier["prompts"]), _path(earlier["masks"])
+    options = {**(earlier["given"] if options is None else options), **request.user_options}
+    return replace(request, source=source, prompts=guides[0], masks=guides[1], user_options=options)
 
 
 def check_moved(folder: Path, source: Path, inputs: Inputs) -> None:
