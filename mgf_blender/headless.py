@@ -26,8 +26,8 @@ from .engine import environment
 from .models.properties import KINDS as MODELS
 from .results.load import import_result
 from .results.picture import render_picture
+from .scene_import.imported_scene import ImportedScene
 from .scene_import.load import import_scene
-from .scene_import.tree import Tree
 
 
 class Parser(argparse.ArgumentParser):
@@ -173,25 +173,25 @@ class _Plain:
 def _import(args: argparse.Namespace) -> None:
     """Import scene and results into an empty file, save it, and render its picture."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene, tree = bpy.context.scene, None
+    scene, imported = bpy.context.scene, None
     source = _model_source(args)
     if source is not None:
         photos = args.photos or (args.scene if source != args.scene else None)
         done = import_scene(scene, source, photos, upright=not args.keep_axes, named=args.scene)
-        tree = done.tree
+        imported = done.imported
         print("{cameras} cameras, {points} points".format(**done.counts()), *done.warnings, sep="\n")
     if args.job is not None:
-        result = import_result(scene, args.job, tree)
-        tree = result.tree
+        result = import_result(scene, args.job, imported)
+        imported = result.imported
         faces = len(result.mesh.data.polygons) if result.mesh is not None else 0
         print(f"Mesh of {faces} faces, {result.renders} renders")
     scene.view_settings.view_transform = "Standard"  # colours are those of the photos
-    if args.picture is not None and not tree.objects("Mesh"):
+    if args.picture is not None and not imported.objects("Mesh"):
         raise UserError("There is no mesh to make a picture of; give --job with a finished job.")
     save(args.out.absolute())
     print(f"Saved {args.out}")
     if args.picture is not None:  # last: a picture that fails costs nothing else
-        _picture(args, scene, tree)
+        _picture(args, scene, imported)
 
 
 def _model_source(args: argparse.Namespace) -> Path | None:
@@ -202,11 +202,11 @@ def _model_source(args: argparse.Namespace) -> Path | None:
     return args.scene
 
 
-def _picture(args: argparse.Namespace, scene: bpy.types.Scene, tree: Tree) -> None:
+def _picture(args: argparse.Namespace, scene: bpy.types.Scene, imported: ImportedScene) -> None:
     path = args.picture.absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
     size, engine = tuple(args.picture_size), args.picture_engine.upper()
-    render_picture(scene, tree, path, size, args.picture_samples, engine, args.picture_turn)
+    render_picture(scene, imported, path, size, args.picture_samples, engine, args.picture_turn)
     print(f"Picture {path}")
 
 

@@ -27,8 +27,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from mgf_blender.results.load import import_result
 from mgf_blender.scene_import.cameras import PHOTO_KEY, fit_render
+from mgf_blender.scene_import.imported_scene import ImportedScene
 from mgf_blender.scene_import.load import import_scene
-from mgf_blender.scene_import.tree import Tree
 
 
 def main() -> int:
@@ -36,17 +36,17 @@ def main() -> int:
     args = _parser().parse_args()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    tree = import_scene(scene, args.scene).tree
-    tree = import_result(scene, args.job, tree).tree
+    imported = import_scene(scene, args.scene).imported
+    imported = import_result(scene, args.job, imported).imported
     own = args.masks is None
     masks = {path.stem: path for path in (args.job / "masks" / "labels" if own else args.masks).rglob("*.png")}
-    cameras = [c for c in tree.objects("Cameras") if Path(c[PHOTO_KEY]).stem in masks]
-    if not cameras or not tree.objects("Mesh"):
+    cameras = [c for c in imported.objects("Cameras") if Path(c[PHOTO_KEY]).stem in masks]
+    if not cameras or not imported.objects("Mesh"):
         print("Error: No mask belongs to a photo of the scene, or the job has no mesh.", file=sys.stderr)
         return 2
     there, back, shares = [], [], []
     for camera in cameras[:: max(1, len(cameras) // args.photos)][: args.photos]:
-        render = silhouette(scene, tree, camera)
+        render = silhouette(scene, imported, camera)
         mask, hidden = (_resized(m, render.shape) for m in read_mask(masks[Path(camera[PHOTO_KEY]).stem], own))
         seen = ~hidden
         if not (mask.any() and (render & seen).any()):
@@ -77,13 +77,13 @@ def _told(there: list[np.ndarray], back: list[np.ndarray]) -> str:
     return ", ".join(words)
 
 
-def silhouette(scene: bpy.types.Scene, tree: Tree, camera: bpy.types.Object) -> np.ndarray:
+def silhouette(scene: bpy.types.Scene, imported: ImportedScene, camera: bpy.types.Object) -> np.ndarray:
     """Where the mesh covers the picture of a camera, bool [H, W], first row at the top."""
     shown = {o: o.hide_render for o in scene.objects}
     scene.camera = camera
     fit_render(scene, camera)
     for obj in scene.objects:
-        obj.hide_render = obj not in tree.objects("Mesh")
+        obj.hide_render = obj not in imported.objects("Mesh")
     render = scene.render
     render.engine, render.film_transparent, render.use_persistent_data = "CYCLES", True, True
     scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.max_bounces = 1, False, 0
@@ -127,13 +127,13 @@ def outline_distances(mask: np.ndarray, render: np.ndarray, hidden: np.ndarray |
             near[:, 1:] |= near[:, :-1].copy()
             near[:, :-1] |= near[:, 1:].copy()
         places = places[~near[places[:, 0], places[:, 1]]]
-    tree = KDTree(len(aims))
+    imported = KDTree(len(aims))
     for i, (row, column) in enumerate(aims.tolist()):
-        tree.insert((row, column, 0.0), i)
-    tree.balance()
+        imported.insert((row, column, 0.0), i)
+    imported.balance()
     if not len(aims):
         return np.full(len(places), np.inf)
-    return np.array([tree.find((row, column, 0.0))[2] for row, column in places.tolist()])
+    return np.array([imported.find((row, column, 0.0))[2] for row, column in places.tolist()])
 
 
 def read_mask(path: Path, labels_only: bool = False) -> tuple[np.ndarray, np.ndarray]:

@@ -14,8 +14,8 @@ from ..job_folder import has_job_file, job_folder
 from ..jobs.operators import FinishedJobOperator, submit
 from ..jobs.start import tool_job
 from ..scene_import.cameras import IMAGE_KEY
+from ..scene_import.imported_scene import ImportedScene
 from ..scene_import.operators import SceneOperator
-from ..scene_import.tree import Tree
 from .index import FOLDER, read_index
 from .sections import ROLE_KEY, THEIRS, add_section, find_sections, may_be_section, remove_section, section_texts
 
@@ -26,7 +26,7 @@ def drawings_job(scene: bpy.types.Scene) -> Job:
     Raises:
         UserError: nothing is to be drawn, or there is no engine.
     """
-    wanted, tree = scene.mgf.drawings, Tree.find(scene)
+    wanted, imported = scene.mgf.drawings, ImportedScene.find(scene)
     if not wanted.kinds:
         raise UserError("Nothing is chosen to be drawn; choose orthophotos, elevations or another kind.")
     command = ["drawings", str(job_folder(scene)), "--paper", wanted.paper]
@@ -36,7 +36,7 @@ def drawings_job(scene: bpy.types.Scene) -> Job:
         command += ["--resolution", f"{wanted.resolution:.6g}"]
     if wanted.scale > 0:
         command += ["--scale", str(wanted.scale)]
-    sections = section_texts(scene, tree) if tree is not None else []
+    sections = section_texts(scene, imported) if imported is not None else []
     if wanted.height > 0:
         sections.append(f"z={wanted.height:.6g}")
     for text in sections:
@@ -74,7 +74,7 @@ class MGF_OT_add_section(SceneOperator):
 
     def run(self, context: bpy.types.Context) -> None:
         context.view_layer.update()
-        obj = add_section(Tree.find(context.scene), self.axis)
+        obj = add_section(ImportedScene.find(context.scene), self.axis)
         if context.mode == "OBJECT":
             select_only(context, obj)
 

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..scene_import.tree import FIELD_KEY, KIND_KEY, ROLE_KEY, Tree, is_own, objects_below
+from ..scene_import.imported_scene import FIELD_KEY, KIND_KEY, ROLE_KEY, ImportedScene, is_own, objects_below
 
 OURS, THEIRS = "section", "section of the user"
 _NAME = "Section"
@@ -35,9 +35,9 @@ def may_be_section(obj: bpy.types.Object) -> bool:
     return obj.type in {"MESH", "EMPTY"} and ROLE_KEY not in obj and KIND_KEY not in obj and is_own(obj)
 
 
-def add_section(tree: Tree, axis: str) -> bpy.types.Object:
+def add_section(imported: ImportedScene, axis: str) -> bpy.types.Object:
     """Return a square through the middle of the mesh, or of the points where there is none."""
-    from_world, (low, high) = tree.from_world(), _bounds(tree)
+    from_world, (low, high) = imported.from_world(), _bounds(imported)
     size = 0.6 * float((high - low).max()) or 1.0
     corners = [(-size, -size, 0), (size, -size, 0), (size, size, 0), (-size, size, 0)]
     mesh = bpy.data.meshes.new(_NAME)
@@ -45,8 +45,8 @@ def add_section(tree: Tree, axis: str) -> bpy.types.Object:
     obj = bpy.data.objects.new(_NAME, mesh)
     obj[ROLE_KEY] = OURS
     obj.display_type, obj.hide_render, obj.show_axis = "WIRE", True, True
-    tree.collection.objects.link(obj)
-    obj.parent = tree.root
+    imported.collection.objects.link(obj)
+    obj.parent = imported.root
     world = np.eye(4)
     world[:3, :3], world[:3, 3] = np.array(AXES[axis], float).T, (low + high) / 2
     obj.matrix_parent_inverse = Matrix.Identity(4)
@@ -65,15 +65,15 @@ def remove_section(obj: bpy.types.Object) -> None:
         bpy.data.meshes.remove(mesh)
 
 
-def section_texts(scene: bpy.types.Scene, tree: Tree) -> list[str]:
+def section_texts(scene: bpy.types.Scene, imported: ImportedScene) -> list[str]:
     """Return the planes as the engine reads them: ``NAME=x,y,z,nx,ny,nz`` in coordinates of the job's mesh."""
-    root, texts, taken = np.array(tree.root.matrix_world, np.float64), list[str](), set[str]()
+    root, texts, taken = np.array(imported.root.matrix_world, np.float64), list[str](), set[str]()
     for obj in find_sections(scene):
         point, normal = plane_of(obj)
-        inside = tree.from_world() @ np.append(point, 1.0)
+        inside = imported.from_world() @ np.append(point, 1.0)
         turned = root[:3, :3].T @ normal
         turned /= max(float(np.linalg.norm(turned)), 1e-300)
-        numbers = ",".join(f"{v:.12g}" for v in (*(inside[:3] + tree.offset), *turned))
+        numbers = ",".join(f"{v:.12g}" for v in (*(inside[:3] + imported.offset), *turned))
         texts.append(f"{_file_name(obj.name, taken)}={numbers}")
     return texts
 
@@ -100,15 +100,15 @@ def _file_name(name: str, taken: set[str]) -> str:
     return plain
 
 
-def _bounds(tree: Tree) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(imported: ImportedScene) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper corner of the mesh, else of the sparse points, world coordinates.
 
     The Gaussian field, which reaches beyond the building, does not count.
     """
-    there = [o for kind in ("Mesh", "Points") for o in tree.objects(kind) if not o.get(FIELD_KEY)][:1]
+    there = [o for kind in ("Mesh", "Points") for o in imported.objects(kind) if not o.get(FIELD_KEY)][:1]
     if not there:
-        middle = np.array(tree.root.matrix_world)[:3, 3]
-        return middle - tree.radius, middle + tree.radius
+        middle = np.array(imported.root.matrix_world)[:3, 3]
+        return middle - imported.radius, middle + imported.radius
     world = np.array(there[0].matrix_world)
     corners = np.array(there[0].bound_box) @ world[:3, :3].T + world[:3, 3]
     return corners.min(axis=0), corners.max(axis=0)

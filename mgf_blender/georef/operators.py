@@ -13,9 +13,9 @@ from ..jobs.operators import FinishedJobOperator, submit
 from ..prompts.operators import choose_photo, open_photo
 from ..prompts.properties import active_photo
 from ..scene_import.cameras import PHOTO_KEY
-from ..scene_import.framing import frame_tree
+from ..scene_import.framing import frame_imported
+from ..scene_import.imported_scene import ImportedScene
 from ..scene_import.operators import SceneOperator
-from ..scene_import.tree import Tree
 from . import files
 from .place import place_scene
 from .properties import active_point
@@ -77,11 +77,11 @@ class MGF_OT_place_scene(SceneOperator):
         found = files.read_placement(job_folder(context.scene))
         if found is None or not found.metric:
             raise UserError("The job has no true coordinates yet; press Georeference Job first.")
-        tree = Tree.find(context.scene)
-        before = tree.root.matrix_world.copy()
-        place_scene(context.scene, tree, found)
-        if tree.root.matrix_world != before:  # it may stand hundreds of meters above the origin now
-            frame_tree(context, tree)
+        imported = ImportedScene.find(context.scene)
+        before = imported.root.matrix_world.copy()
+        place_scene(context.scene, imported, found)
+        if imported.root.matrix_world != before:  # it may stand hundreds of meters above the origin now
+            frame_imported(context, imported)
 
 
 class MGF_OT_mark_control_points(Operator):
@@ -112,11 +112,11 @@ class MGF_OT_next_marked_photo(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         chosen = cls.needs(active_point(context.scene) is not None, "Choose a control point to mark first")
-        return chosen and cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
+        return chosen and cls.needs(ImportedScene.find(context.scene) is not None, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
         scene, point = context.scene, active_point(context.scene).name
-        cameras = {o[PHOTO_KEY]: o for o in Tree.find(scene).objects("Cameras") if PHOTO_KEY in o}
+        cameras = {o[PHOTO_KEY]: o for o in ImportedScene.find(scene).objects("Cameras") if PHOTO_KEY in o}
         known = _known_points(scene).get(point)
         wanted = set(known.photos if known is not None else ()) | {
             m.photo for m in scene.mgf.georef.marks if m.point == point

@@ -12,7 +12,7 @@ from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
 from ..job_folder import has_job_file, job_folder
 from ..jobs.finished_job import FinishedJobPanel, draw_run
-from ..scene_import.tree import Tree
+from ..scene_import.imported_scene import ImportedScene
 from . import files, place
 from .properties import active_point
 
@@ -87,14 +87,14 @@ def _number(value: float, form: str) -> str:
 
 def _draw_place(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """Draw what the job knows of its place, and whether the scene lies there."""
-    found, tree = files.read_placement(job_folder(scene)), Tree.find(scene)
-    if found is None or tree is None:
+    found, imported = files.read_placement(job_folder(scene)), ImportedScene.find(scene)
+    if found is None or imported is None:
         return
     if not found.metric:
         text = tr("Scale and place are still unknown; give control points or scale bars")
         draw_sentence(layout, text, "INFO")
         return
-    if place.is_placed(scene, tree, found):
+    if place.is_placed(scene, imported, found):
         east, north, height = found.offset
         where = found.crs or tr("Local frame")
         draw_sentence(layout, tr("In true coordinates: {where}", where=where), "CHECKMARK")

@@ -8,7 +8,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..scene_import.cameras import set_clipping
-from ..scene_import.tree import Tree
+from ..scene_import.imported_scene import ImportedScene
 from .files import Placement
 
 #: Custom properties of the scene. The first five are those of BlenderGIS, so that its maps lie where they should.
@@ -25,11 +25,11 @@ _HELP = {
 }
 
 
-def place_scene(scene: bpy.types.Scene, tree: Tree, found: Placement) -> None:
+def place_scene(scene: bpy.types.Scene, imported: ImportedScene, found: Placement) -> None:
     """Move, turn and scale the scene's empty so that Blender's world is the local frame in metres, and note where."""
-    tree.root.matrix_world = Matrix(root_matrix(tree, found).tolist())
-    for obj in tree.objects("Cameras"):
-        set_clipping(obj.data, tree)
+    imported.root.matrix_world = Matrix(root_matrix(imported, found).tolist())
+    for obj in imported.objects("Cameras"):
+        set_clipping(obj.data, imported)
     note_place(scene, found)
 
 
@@ -51,16 +51,16 @@ def note_place(scene: bpy.types.Scene, found: Placement) -> None:
             del scene[name]
 
 
-def root_matrix(tree: Tree, found: Placement) -> np.ndarray:
-    """Return the empty's world matrix [4, 4] for objects that hold scene coordinates less the tree's offset."""
+def root_matrix(imported: ImportedScene, found: Placement) -> np.ndarray:
+    """Return the empty's world matrix [4, 4] for objects that hold scene coordinates less the scene's offset."""
     shift = np.eye(4)
-    shift[:3, 3] = tree.offset
+    shift[:3, 3] = imported.offset
     return np.asarray(found.to_local @ shift)
 
 
-def is_placed(scene: bpy.types.Scene, tree: Tree, found: Placement) -> bool:
+def is_placed(scene: bpy.types.Scene, imported: ImportedScene, found: Placement) -> bool:
     """Tell whether the scene still lies as :func:`place_scene` put it for this georeference."""
     if [scene.get(name) for name in (EAST, NORTH, HEIGHT)] != list(found.offset):
         return False
-    wanted, now = root_matrix(tree, found), np.array(tree.root.matrix_world)
+    wanted, now = root_matrix(imported, found), np.array(imported.root.matrix_world)
     return bool(np.abs(now - wanted).max() <= 1e-5 * max(1.0, float(np.abs(wanted).max())))

@@ -15,19 +15,19 @@ import numpy as np
 from mathutils import Matrix
 
 from ..common.errors import UserError
-from ..scene_import.tree import Tree, hide
+from ..scene_import.imported_scene import ImportedScene, hide
 from .index import Levels
 
 KIND, LEVEL_KEY, _OURS = "LODs", "mgf_level", "mgf_lod"
 _ADDON = "io_scene_gltf2"
 
 
-def levels_of(tree: Tree) -> list[bpy.types.Object]:
+def levels_of(imported: ImportedScene) -> list[bpy.types.Object]:
     """Return the imported levels, the finest first."""
-    return sorted((o for o in tree.objects(KIND) if LEVEL_KEY in o), key=lambda o: o[LEVEL_KEY])
+    return sorted((o for o in imported.objects(KIND) if LEVEL_KEY in o), key=lambda o: o[LEVEL_KEY])
 
 
-def import_levels(tree: Tree, levels: Levels, name: str) -> list[bpy.types.Object]:
+def import_levels(imported: ImportedScene, levels: Levels, name: str) -> list[bpy.types.Object]:
     """Import the levels of detail and show the finest; earlier ones are replaced, the mesh is hidden.
 
     Args:
@@ -45,40 +45,40 @@ def import_levels(tree: Tree, levels: Levels, name: str) -> list[bpy.types.Objec
     except UserError:
         _remove(read)
         raise
-    clear_levels(tree)
+    clear_levels(imported)
     group = bpy.data.objects.new(name, None)
     group["fbx_type"] = "LodGroup"
-    group.empty_display_type, group.empty_display_size = "CUBE", 0.1 * tree.radius
+    group.empty_display_type, group.empty_display_size = "CUBE", 0.1 * imported.radius
     shift = np.eye(4)
-    shift[:3, 3] = -tree.offset
+    shift[:3, 3] = -imported.offset
     place = shift @ levels.to_scene
-    tree.add(KIND, group, np.eye(4))
+    imported.add(KIND, group, np.eye(4))
     for level, obj in enumerate(read):
         obj.name = obj.data.name = f"{name}_LOD{level}"
         obj[LEVEL_KEY] = level
-        tree.add(KIND, obj, place @ np.array(obj.matrix_world, np.float64))
+        imported.add(KIND, obj, place @ np.array(obj.matrix_world, np.float64))
         obj.parent, obj.matrix_parent_inverse = group, Matrix.Identity(4)
-    show_level(tree, 0)
-    for mesh in tree.objects("Mesh"):
+    show_level(imported, 0)
+    for mesh in imported.objects("Mesh"):
         hide(mesh)  # the finest level lies on it
     return read
 
 
-def show_level(tree: Tree, level: int) -> None:
+def show_level(imported: ImportedScene, level: int) -> None:
     """Show one level, in viewports and renders; none where there is no such level."""
-    for obj in levels_of(tree):
+    for obj in levels_of(imported):
         hide(obj, obj[LEVEL_KEY] != level)
         obj.hide_render = obj[LEVEL_KEY] != level
 
 
-def shown_level(tree: Tree) -> int | None:
+def shown_level(imported: ImportedScene) -> int | None:
     """Return the level that is shown; None when none is."""
-    return next((int(o[LEVEL_KEY]) for o in levels_of(tree) if not o.hide_render and not o.hide_get()), None)
+    return next((int(o[LEVEL_KEY]) for o in levels_of(imported) if not o.hide_render and not o.hide_get()), None)
 
 
-def clear_levels(tree: Tree) -> None:
+def clear_levels(imported: ImportedScene) -> None:
     """Remove the imported levels with their materials and pictures."""
-    tree.clear(KIND)
+    imported.clear(KIND)
     _remove_unused()
 
 

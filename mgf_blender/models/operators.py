@@ -12,7 +12,7 @@ from ..common.views import draw_texture
 from ..job_folder import has_job_file, job_folder, job_name
 from ..jobs.operators import FinishedJobOperator, submit
 from ..jobs.start import tool_job
-from ..scene_import.tree import Tree
+from ..scene_import.imported_scene import ImportedScene
 from .index import FILE, FOLDER, read_levels
 from .lods import import_levels, levels_of, show_level
 
@@ -53,13 +53,13 @@ class MGF_OT_import_lods(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        imported = cls.needs(Tree.find(context.scene) is not None, "Import a result first")
+        imported = cls.needs(ImportedScene.find(context.scene) is not None, "Import a result first")
         made = imported and cls.needs(has_job_file(context.scene, f"{FOLDER}/{FILE}"), "Make the models first")
         return made and cls.needs(context.mode == "OBJECT", "Leave the mode first: models come in Object Mode")
 
     def run(self, context: bpy.types.Context) -> None:
-        folder, tree = job_folder(context.scene), Tree.find(context.scene)
-        found = import_levels(tree, read_levels(folder), job_name(folder))
+        folder, imported = job_folder(context.scene), ImportedScene.find(context.scene)
+        found = import_levels(imported, read_levels(folder), job_name(folder))
         select_only(context, found[0].parent)
         draw_texture(context.scene, True)
         faces = ", ".join(f"{len(o.data.polygons):,}" for o in found)
@@ -77,11 +77,11 @@ class MGF_OT_show_lod(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        tree = Tree.find(context.scene)
-        return cls.needs(tree is not None and levels_of(tree), "Import the levels of detail first")
+        imported = ImportedScene.find(context.scene)
+        return cls.needs(imported is not None and levels_of(imported), "Import the levels of detail first")
 
     def run(self, context: bpy.types.Context) -> None:
-        show_level(Tree.find(context.scene), self.level)
+        show_level(ImportedScene.find(context.scene), self.level)
 
 
 CLASSES = (MGF_OT_make_models, MGF_OT_import_lods, MGF_OT_show_lod)

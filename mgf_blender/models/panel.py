@@ -7,7 +7,7 @@ from ..common.text import N_, draw_sentence, tr
 from ..engine.status_label import draw_engine_missing
 from ..job_folder import has_job_file
 from ..jobs.finished_job import FinishedJobPanel, draw_run
-from ..scene_import.tree import Tree
+from ..scene_import.imported_scene import ImportedScene
 from .index import FILE, FOLDER
 from .lods import LEVEL_KEY, levels_of, shown_level
 
@@ -35,18 +35,18 @@ class MGF_PT_models(FinishedJobPanel, bpy.types.Panel):
             return
         idle = draw_run(layout, scene, ("models",), "mgf.make_models", "MOD_DECIM")
         if idle and has_job_file(scene, f"{FOLDER}/{FILE}"):
-            _draw_levels(layout, Tree.find(scene))
+            _draw_levels(layout, ImportedScene.find(scene))
 
 
-def _draw_levels(layout: bpy.types.UILayout, tree: Tree | None) -> None:
+def _draw_levels(layout: bpy.types.UILayout, imported: ImportedScene | None) -> None:
     """Draw the way to bring the levels in, and which is shown."""
     row = layout.row(align=True)
     row.operator("mgf.import_lods", icon="IMPORT")
     row.operator("mgf.open_job_file", text="", icon="FILE_FOLDER").name = FOLDER
-    found = levels_of(tree) if tree is not None else []
+    found = levels_of(imported) if imported is not None else []
     if not found:
         return
-    column, shown = layout.column(align=True), shown_level(tree)
+    column, shown = layout.column(align=True), shown_level(imported)
     for obj in found:
         level = int(obj[LEVEL_KEY])
         text = tr(N_("Level {level}: {count:,} faces"), level=level, count=len(obj.data.polygons))

@@ -236,11 +236,11 @@ def choose_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> No
 
 def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
     """Add photos that a prompts file names and an imported camera shows, but the list lacks."""
-    tree = find_source(scene)
-    if tree is None:
+    imported = find_source(scene)
+    if imported is None:
         return
     have = {p.name for p in scene.mgf.photos}
-    for camera in tree.objects("Cameras"):
+    for camera in imported.objects("Cameras"):
         name = camera.get(PHOTO_KEY, "")
         if name in names and name not in have:
             list_photo(scene.mgf, camera)

@@ -19,7 +19,7 @@ from ..jobs.start import job_options, tool_job
 from ..operator_calls import run_in
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
-from ..scene_import.tree import Tree
+from ..scene_import.imported_scene import ImportedScene
 from ..scene_keys import scene_of
 from . import files
 from .operators import add_missing
@@ -38,9 +38,9 @@ def suggest_job(scene: bpy.types.Scene) -> Job:
     state, folder = scene.mgf, job_folder(scene)
     command = ["suggest-clicks", bpy.path.abspath(state.source), "--job", str(folder), "--out", str(_out(folder))]
     command += job_options(scene, folder)
-    tree = find_source(scene)
-    if state.suggest_at == "CURSOR" and tree is not None:
-        command += ["--point", *(f"{v:.9g}" for v in _cursor(scene, tree))]
+    imported = find_source(scene)
+    if state.suggest_at == "CURSOR" and imported is not None:
+        command += ["--point", *(f"{v:.9g}" for v in _cursor(scene, imported))]
     return tool_job(scene, KIND, command, on_end=_ended)
 
 
@@ -49,11 +49,11 @@ def _out(folder: Path) -> Path:
     return folder.with_name(folder.name + ".suggested")
 
 
-def _cursor(scene: bpy.types.Scene, tree: Tree) -> np.ndarray:
+def _cursor(scene: bpy.types.Scene, imported: ImportedScene) -> np.ndarray:
     """Return the 3D cursor in coordinates of the COLMAP scene, float64 [3]."""
-    root = np.array(tree.root.matrix_world, np.float64)
+    root = np.array(imported.root.matrix_world, np.float64)
     place = np.linalg.solve(root, np.append(np.array(scene.cursor.location, np.float64), 1.0))
-    return place[:3] + tree.offset
+    return place[:3] + imported.offset
 
 
 def _ended(job: Job) -> None:

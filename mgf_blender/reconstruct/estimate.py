@@ -49,8 +49,8 @@ class PhotoSizes:
 
 def photos_of(scene: bpy.types.Scene) -> PhotoSizes:
     """Return the photos a job on this scene gets; before an import, what the marked ones tell (a fifth is marked)."""
-    tree = find_source(scene)
-    cameras = tree.objects("Cameras") if tree is not None else []
+    imported = find_source(scene)
+    cameras = imported.objects("Cameras") if imported is not None else []
     sizes = [tuple(camera[SIZE_KEY]) for camera in cameras if SIZE_KEY in camera]
     if not sizes:
         return PhotoSizes(max(1, len(cameras) or 5 * len(scene.mgf.photos)))

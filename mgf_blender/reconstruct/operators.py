@@ -16,7 +16,7 @@ from ..job_folder import broke_off, given_options, has_job_file, job_folder
 from ..jobs.operators import JobOperator, submit
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
-from ..scene_import.framing import frame_tree
+from ..scene_import.framing import frame_imported
 from ..scene_import.locate import holds_model, holds_photos
 from ..scene_import.operators import bring_in
 from ..scene_keys import key_of
@@ -121,7 +121,7 @@ class MGF_OT_import_photos(FileOperator):
             state.source, state.job_folder = str(folder), ""
         if holds_model(folder):  # the engine would find no cameras but take those that are there
             self.report({"INFO"}, tr("The folder holds a COLMAP model; its cameras were imported"))
-            frame_tree(context, bring_in(context.scene, folder, True, True, self).tree)
+            frame_imported(context, bring_in(context.scene, folder, True, True, self).imported)
             return {"FINISHED"}
         return submit(self, make_job(context.scene, "scene"))
 
@@ -146,7 +146,7 @@ class MGF_OT_import_sfm(Operator):
             raise UserError("The job found no cameras; open its log for the reason.")
         state.photo_folder = state.photo_folder or source
         done = bring_in(context.scene, model, True, True, self, Path(source))
-        frame_tree(context, done.tree)
+        frame_imported(context, done.imported)
         state.source = source
 
 

@@ -23,7 +23,7 @@ from ..common.runner import redraw
 from ..jobs import import_status
 from ..operator_calls import run_in
 from ..scene_keys import key_of, scene_key, scene_of
-from .load import SHARP_ANGLE, Content, fitting_tree, reading_steps
+from .load import SHARP_ANGLE, Content, fitting_scene, reading_steps
 
 _TICK = 0.02  # seconds between two steps
 _KEY = "mgf_importing"  # on the mesh while it is built
@@ -126,10 +126,10 @@ def begin(scene: bpy.types.Scene, folder: Path) -> None:
         return
     forget(scene)
     import_status.begin(key)
-    tree = None
+    imported = None
     with contextlib.suppress(UserError):  # the first step says it again, where it is shown
-        tree = fitting_tree(scene, folder)
-    _imports[key] = AsyncImport(key, folder, tree.offset if tree is not None else None)
+        imported = fitting_scene(scene, folder)
+    _imports[key] = AsyncImport(key, folder, imported.offset if imported is not None else None)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=_TICK, persistent=True)
 

@@ -12,14 +12,14 @@ from ..common.errors import UserError
 from ..common.materials import show_points
 from ..common.meshes import make_mesh, prepare_mesh
 from ..common.ply import read_ply
-from ..scene_import.tree import FIELD_KEY, Tree
+from ..scene_import.imported_scene import FIELD_KEY, ImportedScene
 
 #: First band of the spherical harmonics, 1 / (2 sqrt(pi)): colour = 0.5 + SH0 * f_dc.
 _SH0 = 0.28209479177387814
 _SIZE = 0.004  # of a drawn point, as a share of the scene's size
 
 
-def import_field(tree: Tree, path: Path) -> bpy.types.Object:
+def import_field(imported: ImportedScene, path: Path) -> bpy.types.Object:
     """Return the centres of a standard 3DGS ``.ply`` with colour, opacity and size as attributes.
 
     Raises:
@@ -36,11 +36,11 @@ def import_field(tree: Tree, path: Path) -> bpy.types.Object:
         "opacity": 1.0 / (1.0 + np.exp(-ply.vertices["opacity"].astype(np.float32))),
         "size": np.exp(sizes.max(axis=1)),
     }
-    mesh = make_mesh("Gaussian Field", prepare_mesh(ply.positions - tree.offset, np.zeros((0, 3)), colors, values))
+    mesh = make_mesh("Gaussian Field", prepare_mesh(ply.positions - imported.offset, np.zeros((0, 3)), colors, values))
     obj = bpy.data.objects.new("Gaussian Field", mesh)
-    for old in [o for o in tree.objects("Points") if o.get(FIELD_KEY)]:
+    for old in [o for o in imported.objects("Points") if o.get(FIELD_KEY)]:
         bpy.data.objects.remove(old, do_unlink=True)
-    tree.add("Points", obj)
+    imported.add("Points", obj)
     obj[FIELD_KEY] = True
-    show_points(obj, _SIZE * tree.radius)
+    show_points(obj, _SIZE * imported.radius)
     return obj

@@ -29,7 +29,7 @@ from ..scene_import.cameras import (
     shrink_cameras,
 )
 from ..scene_import.frame import SceneFrame, make_frame, turn_as_held
-from ..scene_import.tree import Tree, hide
+from ..scene_import.imported_scene import ImportedScene, hide
 from .delivery import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
 from .surface import show
@@ -44,7 +44,7 @@ _BESIDE_MESH = 1 / 3  # size of the drawn cameras once there is a mesh: in full 
 class Result:
     """What an import brought."""
 
-    tree: Tree
+    imported: ImportedScene
     mesh: bpy.types.Object | None
     renders: int
     delivery: Delivery
@@ -110,85 +110,90 @@ def reading_steps(folder: Path, offset: np.ndarray | None = None) -> Generator[N
 def import_result(
     scene: bpy.types.Scene,
     folder: Path,
-    tree: Tree | None = None,
+    imported: ImportedScene | None = None,
     content: Content | None = None,
     mesh: bpy.types.Mesh | None = None,
 ) -> Result:
-    """Import a finished job; earlier results in the same tree are replaced, other objects stay.
+    """Import a finished job; earlier results in the same imported scene are replaced, other objects stay.
 
     Args:
         scene: to import into.
         folder: the job folder.
-        tree: the imported COLMAP scene; made from the job's own cameras when None.
+        imported: the imported COLMAP scene; made from the job's own cameras when None.
         content: what :func:`read_result` gave for the folder, when that was read before.
         mesh: the mesh block made of it, when that was made before.
 
     Raises:
         UserError: the job is not finished or a file is damaged; the scene is then unchanged.
     """
-    alone = tree is None or tree.root is None or _foreign(tree, content.delivery if content else read_delivery(folder))
-    offset = None if alone else tree.offset
+    alone = imported is None or imported.root is None
+    alone = alone or _foreign(imported, content.delivery if content else read_delivery(folder))
+    offset = None if alone else imported.offset
     fits = content is not None and alone == (content.frame is not None)
     if not fits or (offset is not None and not np.array_equal(offset, content.offset)):
         content, mesh = read_result(folder, offset), None
     delivery = content.delivery
     texture = load_texture(delivery.texture) if content.mesh is not None and delivery.texture is not None else None
     if alone:
-        tree = _tree_of_job(scene, content)
-    tree.clear("Renders")
-    forget_results(tree)
-    if content.mesh is not None and not tree.objects("Mesh"):
-        shrink_cameras(tree, _BESIDE_MESH)
-    _add_views(tree, delivery.views)
-    _look_at(scene, tree)
-    obj = None if content.mesh is None else _replace_mesh(scene, tree, content, mesh, texture)
+        imported = _scene_of_job(scene, content)
+    imported.clear("Renders")
+    forget_results(imported)
+    if content.mesh is not None and not imported.objects("Mesh"):
+        shrink_cameras(imported, _BESIDE_MESH)
+    _add_views(imported, delivery.views)
+    _look_at(scene, imported)
+    obj = None if content.mesh is None else _replace_mesh(scene, imported, content, mesh, texture)
     if scene.camera is not None:
-        clear_view(tree, scene.camera)
-    return Result(tree, obj, len(tree.objects("Renders")), delivery)
+        clear_view(imported, scene.camera)
+    return Result(imported, obj, len(imported.objects("Renders")), delivery)
 
 
-def fitting_tree(scene: bpy.types.Scene, folder: Path) -> Tree | None:
+def fitting_scene(scene: bpy.types.Scene, folder: Path) -> ImportedScene | None:
     """Find the imported scene whose photos a job is of; None where it needs one of its own.
 
     Raises:
         UserError: the job is not finished or a file is damaged.
     """
     delivery = read_delivery(folder.absolute())
-    return next((tree for tree in Tree.find_all(scene) if not _foreign(tree, delivery)), None)
+    return next((imported for imported in ImportedScene.find_all(scene) if not _foreign(imported, delivery)), None)
 
 
-def _look_at(scene: bpy.types.Scene, tree: Tree) -> None:
+def _look_at(scene: bpy.types.Scene, imported: ImportedScene) -> None:
     """Give a scene that looks through no camera, or through one of another import, a camera of this one."""
-    cameras, active = tree.objects("Cameras"), scene.camera
+    cameras, active = imported.objects("Cameras"), scene.camera
     if cameras and (active is None or (PHOTO_KEY in active and active not in cameras)):
         scene.camera = cameras[0]
         fit_render(scene, cameras[0])  # the handler does it too late, after the undo step
 
 
 def _replace_mesh(
-    scene: bpy.types.Scene, tree: Tree, content: Content, mesh: bpy.types.Mesh | None, texture: bpy.types.Image | None
+    scene: bpy.types.Scene,
+    imported: ImportedScene,
+    content: Content,
+    mesh: bpy.types.Mesh | None,
+    texture: bpy.types.Image | None,
 ) -> bpy.types.Object:
-    """Put the job's mesh in the place of the tree's earlier one, with its texture."""
-    had_texture = tree.shows_texture
-    tree.clear("Mesh")
+    """Put the job's mesh in the place of the earlier one, with its texture."""
+    had_texture = imported.shows_texture
+    imported.clear("Mesh")
     name = job_name(content.delivery.folder)
-    obj = _add_mesh(tree, name, mesh or make_mesh(name, content.mesh, SHARP_ANGLE), content.parts, texture)
+    obj = _add_mesh(imported, name, mesh or make_mesh(name, content.mesh, SHARP_ANGLE), content.parts, texture)
     remove_unused_textures()
     if texture is not None or had_texture:
         draw_texture(scene, texture is not None)
-    for points in tree.objects("Points"):
+    for points in imported.objects("Points"):
         hide(points)  # they would speckle the surface
     return obj
 
 
-def _foreign(tree: Tree, delivery: Delivery) -> bool:
-    """Tell whether a job is of other photos than the tree's, so that it needs a tree of its own."""
-    names = {o.get(PHOTO_KEY) for o in tree.objects("Cameras")}
+def _foreign(imported: ImportedScene, delivery: Delivery) -> bool:
+    """Tell whether a job is of other photos than an imported scene, so that it needs one of its own."""
+    names = {o.get(PHOTO_KEY) for o in imported.objects("Cameras")}
     return bool(names) and not any(view.camera.name in names for view in delivery.views)
 
 
 def _frame_of_job(delivery: Delivery) -> SceneFrame:
-    """Return the placement of a job imported without its COLMAP scene."""
+    """Return the placement of a job brought in without its COLMAP scene."""
     if not delivery.views:
         raise UserError("'{folder}' holds no views; run the job again.", folder=delivery.folder)
     specs = [v.camera for v in delivery.views]
@@ -197,11 +202,11 @@ def _frame_of_job(delivery: Delivery) -> SceneFrame:
     return make_frame(np.zeros((0, 3)), rotations, centres)
 
 
-def _tree_of_job(scene: bpy.types.Scene, content: Content) -> Tree:
-    """Return a tree for a job imported without its COLMAP scene."""
-    tree = Tree.make(scene, content.delivery.folder.name, content.frame)
-    add_cameras(tree, [v.camera for v in content.delivery.views])
-    return tree
+def _scene_of_job(scene: bpy.types.Scene, content: Content) -> ImportedScene:
+    """Make the imported scene of a job that is brought in without its COLMAP scene."""
+    imported = ImportedScene.make(scene, content.delivery.folder.name, content.frame)
+    add_cameras(imported, [v.camera for v in content.delivery.views])
+    return imported
 
 
 def _read_texture(delivery: Delivery, faces: int) -> np.ndarray | None:
@@ -214,7 +219,7 @@ def _read_texture(delivery: Delivery, faces: int) -> np.ndarray | None:
 
 
 def _add_mesh(
-    tree: Tree, name: str, mesh: bpy.types.Mesh, parts: Parts | None, texture: bpy.types.Image | None
+    imported: ImportedScene, name: str, mesh: bpy.types.Mesh, parts: Parts | None, texture: bpy.types.Image | None
 ) -> bpy.types.Object:
     mesh.name = name
     mesh.materials.append(vertex_color_material() if texture is None else texture_material("Building", texture))
@@ -223,13 +228,13 @@ def _add_mesh(
     if texture is not None:
         show(mesh, "TEXTURE")  # materials of an earlier import may show the vertex colours
     obj = bpy.data.objects.new(name, mesh)
-    tree.add("Mesh", obj)
+    imported.add("Mesh", obj)
     return obj
 
 
-def _add_views(tree: Tree, views: Sequence[ResultView]) -> None:
+def _add_views(imported: ImportedScene, views: Sequence[ResultView]) -> None:
     """Attach the pictures of views to their cameras: behind each camera, and standing in its frustum as an object."""
-    there = tree.objects("Cameras")
+    there = imported.objects("Cameras")
     size = there[0].data.display_size if there else None
     cameras = {camera.get(PHOTO_KEY): camera for camera in reversed(there)}  # the first of a photo counts
     for view in views:
@@ -239,14 +244,14 @@ def _add_views(tree: Tree, views: Sequence[ResultView]) -> None:
             bpy.data.objects.remove(camera, do_unlink=True)
             camera = None
         if camera is None:
-            camera = add_cameras(tree, [view.camera])[0]
+            camera = add_cameras(imported, [view.camera])[0]
             camera.data.display_size = size or camera.data.display_size
         if view.render is not None:
             add_background(camera, load_image(view.render, "render"), show=False)
-            _add_render_object(tree, camera, view)
+            _add_render_object(imported, camera, view)
 
 
-def _add_render_object(tree: Tree, camera: bpy.types.Object, view: ResultView) -> None:
+def _add_render_object(imported: ImportedScene, camera: bpy.types.Object, view: ResultView) -> None:
     """Add the rendering as an image object in the camera's frustum, exactly where the picture plane is."""
     spec = view.camera
     obj = bpy.data.objects.new(f"Render {camera.name}", None)
@@ -255,7 +260,7 @@ def _add_render_object(tree: Tree, camera: bpy.types.Object, view: ResultView) -
     obj.empty_image_side = "DOUBLE_SIDED"
     obj[PHOTO_KEY] = spec.name
     obj["mgf_held_out"] = view.held_out
-    tree.add("Renders", obj)
+    imported.add("Renders", obj)
     _place_in_frustum(obj, spec, camera.data.display_size)
     obj.parent = camera
 

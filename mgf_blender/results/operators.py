@@ -18,12 +18,12 @@ from ..prompts import files as prompts_files
 from ..prompts.operators import add_missing
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY, clear_view, fit_render
 from ..scene_import.framing import frame_object
+from ..scene_import.imported_scene import ImportedScene, hide
 from ..scene_import.operators import SceneOperator
-from ..scene_import.tree import Tree, hide
 from . import async_import, surface, view_mode
 from .delivery import read_delivery
 from .field import import_field
-from .load import fitting_tree, import_result
+from .load import fitting_scene, import_result
 from .runs import old_runs, remove_runs, shown_runs
 
 
@@ -66,13 +66,13 @@ class MGF_OT_import_result(FileOperator):
         mesh = there.take_mesh() if there is not None else None
         if there is None:
             async_import.forget(scene)
-        tree = fitting_tree(scene, folder)
-        first = tree is None or not tree.objects("Mesh")
-        result = import_result(scene, folder, tree, content, mesh)
+        imported = fitting_scene(scene, folder)
+        first = imported is None or not imported.objects("Mesh")
+        result = import_result(scene, folder, imported, content, mesh)
         if result.mesh is not None and context.mode == "OBJECT":
             select_only(context, result.mesh)
             if first:
-                frame_object(context, result.mesh, result.tree)
+                frame_object(context, result.mesh, result.imported)
         scene.mgf.figures = json.dumps(result.delivery.figures)
         scene.mgf.job_folder = scene.mgf.job_folder or str(folder)
         self._restore_clicks(scene, folder / "prompts.json")
@@ -104,10 +104,10 @@ class MGF_OT_import_field(_NeedsJob):
 
     def run(self, context: bpy.types.Context) -> None:
         delivery = read_delivery(job_folder(context.scene))
-        tree = Tree.find(context.scene)
-        if delivery.field is None or tree is None:
+        imported = ImportedScene.find(context.scene)
+        if delivery.field is None or imported is None:
             raise UserError("The job has no field or its scene is gone; import the result first.")
-        import_field(tree, delivery.field)
+        import_field(imported, delivery.field)
 
 
 class MGF_OT_look_through(SceneOperator):
@@ -122,16 +122,16 @@ class MGF_OT_look_through(SceneOperator):
     )
 
     def run(self, context: bpy.types.Context) -> None:
-        tree = Tree.find(context.scene)
-        cameras = sorted(tree.cameras(), key=lambda o: o.get(PHOTO_KEY, ""))
+        imported = ImportedScene.find(context.scene)
+        cameras = sorted(imported.cameras(), key=lambda o: o.get(PHOTO_KEY, ""))
         active = active_object(context)
         chosen = active if self.step == 0 and active in cameras else context.scene.camera
         at = cameras.index(chosen) if chosen in cameras else 0
         camera = cameras[(at + self.step) % len(cameras)]
         context.scene.camera = camera
         fit_render(context.scene, camera)
-        clear_view(tree, camera)
-        view_mode.follow(tree, camera)
+        clear_view(imported, camera)
+        view_mode.follow(imported, camera)
         enter_camera(context)
 
 
@@ -156,15 +156,15 @@ class MGF_OT_show_in_camera(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         camera = context.scene.camera
-        imported = camera is not None and PHOTO_KEY in camera and Tree.find(context.scene) is not None
+        imported = camera is not None and PHOTO_KEY in camera and ImportedScene.find(context.scene) is not None
         return cls.needs(imported, "Look through an imported camera first")
 
     def run(self, context: bpy.types.Context) -> None:
-        tree = Tree.find(context.scene)
-        view_mode.show(tree, context.scene.camera, self.kind)
+        imported = ImportedScene.find(context.scene)
+        view_mode.show(imported, context.scene.camera, self.kind)
         if self.kind != "MESH":
             enter_camera(context)
-        tree.root[SHOWN_KEY] = self.kind  # the next camera goes on with it
+        imported.root[SHOWN_KEY] = self.kind  # the next camera goes on with it
 
 
 class MGF_OT_paint_mesh(Operator):
@@ -188,15 +188,15 @@ class MGF_OT_paint_mesh(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        tree = Tree.find(context.scene)
-        return cls.needs(tree is not None and tree.objects("Mesh"), "Import a result first")
+        imported = ImportedScene.find(context.scene)
+        return cls.needs(imported is not None and imported.objects("Mesh"), "Import a result first")
 
     def run(self, context: bpy.types.Context) -> None:
-        tree = Tree.find(context.scene)
-        for obj in tree.objects("Mesh"):
+        imported = ImportedScene.find(context.scene)
+        for obj in imported.objects("Mesh"):
             surface.show(obj.data, self.kind)
             hide(obj, False)
-        for level in tree.objects("LODs"):
+        for level in imported.objects("LODs"):
             hide(level)  # the finest lies on the mesh
         draw_texture(context.scene, self.kind == "TEXTURE")
 
@@ -254,9 +254,9 @@ CLASSES = (
 def after_undo(*_: object) -> None:
     """Update how the viewports draw the mesh (handler): an undo changes only what it is painted with."""
     for scene in bpy.data.scenes:
-        tree = Tree.find(scene)
-        if tree is not None:
-            follow_paint(scene, tree.shows_texture)
+        imported = ImportedScene.find(scene)
+        if imported is not None:
+            follow_paint(scene, imported.shows_texture)
 
 
 _register, _unregister = bpy.utils.register_classes_factory(CLASSES)

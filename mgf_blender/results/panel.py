@@ -11,7 +11,7 @@ from ..common.text import N_, draw_sentence, tr
 from ..job_folder import has_job_file, job_folder
 from ..jobs.import_status import draw_waiting
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
-from ..scene_import.tree import Tree
+from ..scene_import.imported_scene import ImportedScene
 from . import surface, view_mode
 from .runs import old_runs
 
@@ -27,12 +27,12 @@ class MGF_PT_results(SidebarPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return Tree.find(context.scene) is not None
+        return ImportedScene.find(context.scene) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = self.layout, context.scene
-        tree = Tree.find(scene)
-        meshes = tree.objects("Mesh")
+        imported = ImportedScene.find(scene)
+        meshes = imported.objects("Mesh")
         row = layout.row(align=True)
         row.operator("mgf.import_result", icon="IMPORT")
         if has_job_file(scene, "report.html"):

@@ -14,7 +14,7 @@ from ..common.materials import COLOR_ATTRIBUTE, new_material
 from ..common.meshes import vertices_of
 from ..common.textures import add_texture_node
 from ..compat import EEVEE
-from ..scene_import.tree import Tree
+from ..scene_import.imported_scene import ImportedScene
 from .surface import shown, texture
 
 _RIG = "MGF Picture"
@@ -26,7 +26,7 @@ _ELEVATION = 16.0  # degrees
 
 def render_picture(
     scene: bpy.types.Scene,
-    tree: Tree,
+    imported: ImportedScene,
     path: Path,
     size: tuple[int, int] = (1280, 800),
     samples: int = 48,
@@ -36,8 +36,8 @@ def render_picture(
     """Render the mesh to a PNG; the scene keeps its own camera, world and settings.
 
     Args:
-        scene: it holds the tree.
-        tree: the imported scene with its mesh.
+        scene: it holds the imported scene.
+        imported: the imported scene with its mesh.
         path: where the PNG goes.
         size: width and height in pixels.
         samples: per pixel, for Cycles and EEVEE.
@@ -45,9 +45,9 @@ def render_picture(
         turn: degrees around the building from where most cameras stand.
 
     Raises:
-        ValueError: the tree has no mesh.
+        ValueError: it has no mesh.
     """
-    meshes = tree.objects("Mesh")
+    meshes = imported.objects("Mesh")
     if not meshes:
         raise ValueError("no mesh to render")
     for layer in scene.view_layers:
@@ -58,10 +58,10 @@ def render_picture(
         made += _add_copies(stage, meshes)
         stage.view_layers[0].update()
         corners = _world_vertices(meshes)
-        made += _add_camera(stage, tree, corners, turn, size)
+        made += _add_camera(stage, imported, corners, turn, size)
         made += [*_add_light(stage, corners), *_add_ground(stage, corners)]
         _settings(stage, path, size, samples, engine)
-        stage.display.shading.color_type = "TEXTURE" if tree.shows_texture else "VERTEX"
+        stage.display.shading.color_type = "TEXTURE" if imported.shows_texture else "VERTEX"
         bpy.ops.render.render(write_still=True, scene=stage.name)
     finally:
         bpy.data.scenes.remove(stage, do_unlink=True)
@@ -110,12 +110,12 @@ def _world_vertices(meshes: list[bpy.types.Object]) -> np.ndarray:
 
 
 def _add_camera(
-    stage: bpy.types.Scene, tree: Tree, xyz: np.ndarray, turn: float, size: tuple[int, int]
+    stage: bpy.types.Scene, imported: ImportedScene, xyz: np.ndarray, turn: float, size: tuple[int, int]
 ) -> list[bpy.types.ID]:
     """Add a camera that frames the building from the side of the cameras, a little above them; returns its data."""
     low, high = np.percentile(xyz, [0.5, 99.5], axis=0)
     middle = (low + high) / 2
-    stands = np.array([np.array(o.matrix_world)[:3, 3] for o in tree.objects("Cameras")]).reshape(-1, 3)
+    stands = np.array([np.array(o.matrix_world)[:3, 3] for o in imported.objects("Cameras")]).reshape(-1, 3)
     rotation = _direction(middle, stands, turn).to_track_quat("Z", "Y").to_matrix()
     data = bpy.data.cameras.new(_RIG)
     data.lens = _LENS

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common.errors import UserError
 from ..scene_import.cameras import IMAGE_KEY, SHOWN_KEY, add_background, clear_view
-from ..scene_import.tree import Tree, hide
+from ..scene_import.imported_scene import ImportedScene, hide
 from .surface import ramp
 
 KINDS = ("PHOTO", "RENDER", "ERROR", "MESH")
@@ -22,7 +22,7 @@ _STAMP_KEY = "mgf_made_of"  # on error maps
 _HEAT = np.array([(0.0, 0.0, 0.05), (0.35, 0.05, 0.45), (0.9, 0.35, 0.15), (1.0, 1.0, 0.75)])
 
 
-def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
+def show(imported: ImportedScene, camera: bpy.types.Object, kind: str) -> None:
     """Show one kind of picture in a camera; the others stay attached, hidden.
 
     Raises:
@@ -43,19 +43,19 @@ def show(tree: Tree, camera: bpy.types.Object, kind: str) -> None:
     for slot in slots:
         slot.show_background_image = slot.image is not None and slot.image.get(IMAGE_KEY) == wanted
         slot.display_depth = "BACK" if kind == "MESH" else "FRONT"
-    for obj in tree.objects("Mesh"):
+    for obj in imported.objects("Mesh"):
         hide(obj, kind != "MESH")  # renders are clear where there is no building
-    for level in tree.objects("LODs"):
+    for level in imported.objects("LODs"):
         hide(level)  # the finest lies on the mesh
-    clear_view(tree, camera)
+    clear_view(imported, camera)
     camera[SHOWN_KEY] = kind
 
 
-def follow(tree: Tree, camera: bpy.types.Object) -> None:
+def follow(imported: ImportedScene, camera: bpy.types.Object) -> None:
     """Show in another camera what the user chose last, or its photo where it has no such picture."""
-    wanted, there = tree.root.get(SHOWN_KEY), available(camera)
+    wanted, there = imported.root.get(SHOWN_KEY), available(camera)
     if wanted is not None:
-        show(tree, camera, next(kind for kind in (wanted, "PHOTO", "MESH") if kind in there))
+        show(imported, camera, next(kind for kind in (wanted, "PHOTO", "MESH") if kind in there))
 
 
 def available(camera: bpy.types.Object) -> set[str]:
@@ -65,16 +65,16 @@ def available(camera: bpy.types.Object) -> set[str]:
     return kinds | ({"ERROR"} if {"photo", "render"} <= found or "error" in found else set())
 
 
-def forget_results(tree: Tree) -> None:
+def forget_results(imported: ImportedScene) -> None:
     """Take renders and error maps off the cameras, which show the mesh before their photos again."""
-    for camera in tree.objects("Cameras"):
+    for camera in imported.objects("Cameras"):
         slots = camera.data.background_images
         for slot in [s for s in slots if s.image is not None and s.image.get(IMAGE_KEY) in {"render", "error"}]:
             slots.remove(slot)
         for slot in slots:
             slot.show_background_image, slot.display_depth = True, "BACK"
         camera.pop(SHOWN_KEY, None)
-    tree.root.pop(SHOWN_KEY, None)
+    imported.root.pop(SHOWN_KEY, None)
 
 
 def _is_fresh(kinds: dict[str, bpy.types.CameraBackgroundImage]) -> bool:

@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from .tree import Tree, hide
+from .imported_scene import ImportedScene, hide
 
 PHOTO_KEY, SIZE_KEY, ASPECT_KEY, DISTORTED_KEY = "mgf_photo", "mgf_size", "mgf_pixel_aspect", "mgf_distorted"
 HELD_KEY = "mgf_held"  # on cameras: the EXIF orientation that the photo lacks, 1 for none
@@ -58,22 +58,22 @@ class CameraSpec:
         return matrix
 
 
-def add_cameras(tree: Tree, specs: Iterable[CameraSpec], kind: str = "Cameras") -> list[bpy.types.Object]:
+def add_cameras(imported: ImportedScene, specs: Iterable[CameraSpec], kind: str = "Cameras") -> list[bpy.types.Object]:
     """Make a camera object for each spec, with its photo as background."""
     specs = list(specs)
-    size = _display_size(specs, tree.radius)
+    size = _display_size(specs, imported.radius)
     made = []
     for spec in specs:
         data = bpy.data.cameras.new(Path(spec.name).stem)
         data.display_size = size
         set_intrinsics(data, spec)
-        set_clipping(data, tree)
+        set_clipping(data, imported)
         obj = bpy.data.objects.new(Path(spec.name).stem, data)
         obj[PHOTO_KEY] = spec.name
         obj[DISTORTED_KEY] = spec.distorted
         obj[HELD_KEY] = spec.held
         remember_size(obj, spec)
-        tree.add(kind, obj, spec.object_matrix(tree.offset))
+        imported.add(kind, obj, spec.object_matrix(imported.offset))
         if spec.picture is not None:
             add_background(obj, load_image(spec.picture, "photo"))
         made.append(obj)
@@ -110,12 +110,12 @@ def fit_render(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     return changed
 
 
-def set_clipping(data: bpy.types.Camera, tree: Tree, world_scale: float | None = None) -> None:
+def set_clipping(data: bpy.types.Camera, imported: ImportedScene, world_scale: float | None = None) -> None:
     """Set clip planes from the size of the scene, in world units."""
     if world_scale is None:
-        world_scale = tree.root.matrix_basis.median_scale if tree.root is not None else 1.0
-    data.clip_start = max(1e-6, 1e-3 * tree.radius * world_scale)
-    data.clip_end = 100 * tree.radius * world_scale
+        world_scale = imported.root.matrix_basis.median_scale if imported.root is not None else 1.0
+    data.clip_start = max(1e-6, 1e-3 * imported.radius * world_scale)
+    data.clip_end = 100 * imported.radius * world_scale
 
 
 def load_image(path: Path, kind: str) -> bpy.types.Image:
@@ -146,25 +146,25 @@ def add_background(obj: bpy.types.Object, image: bpy.types.Image, show: bool = T
     data.show_background_images = True
 
 
-def clear_view(tree: Tree, camera: bpy.types.Object) -> None:
+def clear_view(imported: ImportedScene, camera: bpy.types.Object) -> None:
     """Hide the render that stands in a camera's frustum, where it would cover the mesh; those of others come back."""
-    for obj in tree.objects("Renders"):
+    for obj in imported.objects("Renders"):
         hide(obj, obj.parent == camera)
 
 
-def find_source(scene: bpy.types.Scene) -> Tree | None:
-    """Find the tree of the photos that a reconstruction takes, which lies beside results of others; None without."""
-    trees = Tree.find_all(scene)
-    if len(trees) < 2:  # panels ask at every redraw; with one tree there is no need to look at its cameras
-        return trees[0] if trees else None
+def find_source(scene: bpy.types.Scene) -> ImportedScene | None:
+    """Find the imported scene whose photos a reconstruction takes, among results of other jobs; None without."""
+    scenes = ImportedScene.find_all(scene)
+    if len(scenes) < 2:  # panels ask at every redraw; with one scene there is no need to look at its cameras
+        return scenes[0] if scenes else None
     names = {photo.name for photo in scene.mgf.photos}
-    of_photos = (t for t in trees if any(o.get(PHOTO_KEY) in names for o in t.objects("Cameras")))
-    return next(of_photos, trees[0])
+    of_photos = (t for t in scenes if any(o.get(PHOTO_KEY) in names for o in t.objects("Cameras")))
+    return next(of_photos, scenes[0])
 
 
-def shrink_cameras(tree: Tree, factor: float) -> None:
+def shrink_cameras(imported: ImportedScene, factor: float) -> None:
     """Draw the cameras of a scene smaller."""
-    for camera in tree.objects("Cameras"):
+    for camera in imported.objects("Cameras"):
         camera.data.display_size *= factor
 
 

@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from .imported_scene import ROLE_KEY, ImportedScene, objects_below
 from .points import sparse_points
-from .tree import ROLE_KEY, Tree, objects_below
 
 ROLE = "crop"
 _NAME = "Crop Box"
@@ -19,25 +19,25 @@ _NAME = "Crop Box"
 _OUTLIERS, _MARGIN = 2.0, 1.1
 
 
-def find_crop_box(tree: Tree | None) -> bpy.types.Object | None:
+def find_crop_box(imported: ImportedScene | None) -> bpy.types.Object | None:
     """Find the crop box of an imported scene."""
-    if tree is None:
+    if imported is None:
         return None
-    return next((o for o in objects_below(tree.collection) if o.get(ROLE_KEY) == ROLE), None)
+    return next((o for o in objects_below(imported.collection) if o.get(ROLE_KEY) == ROLE), None)
 
 
-def add_crop_box(tree: Tree) -> bpy.types.Object:
+def add_crop_box(imported: ImportedScene) -> bpy.types.Object:
     """Return a box around the sparse points, level with the world; the one that is there is fitted anew."""
-    from_world, box = tree.from_world(), find_crop_box(tree)
+    from_world, box = imported.from_world(), find_crop_box(imported)
     if box is None:
         box = bpy.data.objects.new(_NAME, None)
         box[ROLE_KEY] = ROLE
         box.empty_display_type = "CUBE"
         box.empty_display_size = 1.0
-        tree.collection.objects.link(box)
-        box.parent = tree.root
-    root = np.array(tree.root.matrix_world)
-    points = _points(tree) @ root[:3, :3].T + root[:3, 3]
+        imported.collection.objects.link(box)
+        box.parent = imported.root
+    root = np.array(imported.root.matrix_world)
+    points = _points(imported) @ root[:3, :3].T + root[:3, 3]
     low, high = np.percentile(points, [_OUTLIERS, 100 - _OUTLIERS], axis=0)
     half = np.maximum((high - low) / 2 * _MARGIN, 1e-6)
     matrix = np.diag([*half, 1.0])
@@ -47,18 +47,18 @@ def add_crop_box(tree: Tree) -> bpy.types.Object:
     return box
 
 
-def crop_text(tree: Tree | None) -> str:
+def crop_text(imported: ImportedScene | None) -> str:
     """Write the box as the engine's option ``crop_box``: the matrix cube -> scene, row by row; empty without a box."""
-    box = find_crop_box(tree)
-    if box is None or tree is None or tree.root is None:
+    box = find_crop_box(imported)
+    if box is None or imported is None or imported.root is None:
         return ""
-    matrix = tree.from_world() @ np.array(box.matrix_world, np.float64)
-    matrix[:3, 3] += tree.offset
+    matrix = imported.from_world() @ np.array(box.matrix_world, np.float64)
+    matrix[:3, 3] += imported.offset
     matrix[3] = 0, 0, 0, 1
     return " ".join(f"{v:.12g}" for v in matrix.ravel())
 
 
-def _points(tree: Tree) -> np.ndarray:
+def _points(imported: ImportedScene) -> np.ndarray:
     """Return the sparse points in the empty's frame [N, 3]; without any, a cube of the scene's size."""
-    points = sparse_points(tree)
-    return points if len(points) else tree.radius * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+    points = sparse_points(imported)
+    return points if len(points) else imported.radius * np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])

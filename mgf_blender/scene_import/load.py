@@ -14,25 +14,25 @@ from .cameras import PHOTO_KEY, CameraSpec, add_cameras, fit_render
 from .colmap import Model, Photo, read_model
 from .exif import orientation_lacking
 from .frame import make_frame, turn_as_held
+from .imported_scene import ImportedScene
 from .locate import find_model, find_photo, find_photo_folder
 from .points import add_points
-from .tree import Tree
 
 _PLAIN_NAMES = {"0", "1", "sparse", "colmap", "dense", "images", "photos", "input"}
 
 
 @dataclass(frozen=True)
-class Imported:
+class SceneImport:
     """What an import brought, for the line the user reads.
 
     Attributes:
-        tree: the collections.
+        imported: the collections.
         model: as it was read.
         photo_folder: where the photos lie, or None.
         warnings: sentences worth showing.
     """
 
-    tree: Tree
+    imported: ImportedScene
     model: Model
     photo_folder: Path | None
     warnings: tuple[str, ...]
@@ -47,9 +47,9 @@ def import_scene(
     path: Path,
     photo_folder: Path | None = None,
     upright: bool = True,
-    tree: Tree | None = None,
+    imported: ImportedScene | None = None,
     named: Path | None = None,
-) -> Imported:
+) -> SceneImport:
     """Import cameras with photos and sparse points.
 
     Args:
@@ -57,7 +57,7 @@ def import_scene(
         path: a model file, a model folder or the project folder around it.
         photo_folder: where the photos lie; searched when None.
         upright: turn the scene so that the photos' up is z; False keeps the model's axes.
-        tree: an earlier import to replace; its empty (and so its pose and scale) is kept, unless none of its
+        imported: an earlier import to replace; its empty (and so its pose and scale) is kept, unless none of its
             photos is in this scene: then it was another one.
         named: the folder that gives the collection its name; None takes ``path``.
 
@@ -70,22 +70,22 @@ def import_scene(
     photo_folder = photo_folder or find_photo_folder(path, model.folder, names)
     specs = [_spec(p, photo_folder) for p in model.photos]
     name = _scene_name(named or (path if path.is_dir() else model.folder))
-    before = set() if tree is None else {o.get(PHOTO_KEY, "") for o in tree.objects("Cameras")}
-    if tree is None or (before and not before & set(names)):
+    before = set() if imported is None else {o.get(PHOTO_KEY, "") for o in imported.objects("Cameras")}
+    if imported is None or (before and not before & set(names)):
         rotations = np.array([turn_as_held(s.rotation, s.held) for s in specs])
         centres = np.array([p.centre for p in model.photos])
         frame = make_frame(model.points.xyz, rotations, centres, upright)
-        if tree is None:
-            tree = Tree.make(scene, name, frame)
+        if imported is None:
+            imported = ImportedScene.make(scene, name, frame)
         else:
-            tree.place(name, frame)
+            imported.place(name, frame)
     for kind in ("Cameras", "Points"):
-        tree.clear(kind)
-    cameras = add_cameras(tree, specs)
-    add_points(tree, model.points)
+        imported.clear(kind)
+    cameras = add_cameras(imported, specs)
+    add_points(imported, model.points)
     scene.camera = cameras[0]
     fit_render(scene, cameras[0])
-    return Imported(tree, model, photo_folder, tuple(_warnings(specs)))
+    return SceneImport(imported, model, photo_folder, tuple(_warnings(specs)))
 
 
 def _spec(photo: Photo, folder: Path | None) -> CameraSpec:

@@ -11,11 +11,11 @@ from ..common.selection import select_only
 from ..common.text import tr
 from .cameras import SIZE_KEY, clear_view, fit_render
 from .crop import add_crop_box, find_crop_box
-from .framing import frame_tree
-from .load import Imported, import_scene
+from .framing import frame_imported
+from .imported_scene import ImportedScene
+from .load import SceneImport, import_scene
 from .locate import find_photo
 from .roots import choose_roots
-from .tree import Tree
 
 
 class SceneOperator(Operator):
@@ -23,7 +23,7 @@ class SceneOperator(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(Tree.find(context.scene) is not None, "Import a scene first")
+        return cls.needs(ImportedScene.find(context.scene) is not None, "Import a scene first")
 
 
 class MGF_OT_import_colmap(FileOperator):
@@ -58,7 +58,7 @@ class MGF_OT_import_colmap(FileOperator):
         if not path.exists() and self.directory:
             path = Path(bpy.path.abspath(self.directory))  # the file browser adds a file name to a folder
         done = bring_in(context.scene, path, self.upright, self.replace, self)
-        frame_tree(context, done.tree)
+        frame_imported(context, done.imported)
 
 
 class MGF_OT_reload_scene(Operator):
@@ -85,13 +85,13 @@ class MGF_OT_add_crop_box(SceneOperator):
 
     def run(self, context: bpy.types.Context) -> None:
         context.view_layer.update()
-        select_only(context, add_crop_box(Tree.find(context.scene)))
+        select_only(context, add_crop_box(ImportedScene.find(context.scene)))
 
 
 class _NeedsCropBox(Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return cls.needs(find_crop_box(Tree.find(context.scene)) is not None, "There is no crop box")
+        return cls.needs(find_crop_box(ImportedScene.find(context.scene)) is not None, "There is no crop box")
 
 
 class MGF_OT_select_crop_box(_NeedsCropBox):
@@ -102,7 +102,7 @@ class MGF_OT_select_crop_box(_NeedsCropBox):
     bl_options = {"REGISTER", "UNDO"}
 
     def run(self, context: bpy.types.Context) -> None:
-        select_only(context, find_crop_box(Tree.find(context.scene)))
+        select_only(context, find_crop_box(ImportedScene.find(context.scene)))
 
 
 class MGF_OT_remove_crop_box(_NeedsCropBox):
@@ -113,7 +113,7 @@ class MGF_OT_remove_crop_box(_NeedsCropBox):
     bl_options = {"REGISTER", "UNDO"}
 
     def run(self, context: bpy.types.Context) -> None:
-        bpy.data.objects.remove(find_crop_box(Tree.find(context.scene)), do_unlink=True)
+        bpy.data.objects.remove(find_crop_box(ImportedScene.find(context.scene)), do_unlink=True)
 
 
 class MGF_FH_colmap(bpy.types.FileHandler):
@@ -136,7 +136,7 @@ def bring_in(
     replace: bool,
     operator: bpy.types.Operator | None = None,
     named: Path | None = None,
-) -> Imported:
+) -> SceneImport:
     """Import into a scene and remember source and root photos, as every way of importing does.
 
     Args:
@@ -149,7 +149,7 @@ def bring_in(
     """
     state, path = scene.mgf, path.absolute()
     photos = Path(bpy.path.abspath(state.photo_folder)) if state.photo_folder else None
-    done = import_scene(scene, path, photos, upright, Tree.find(scene) if replace else None, named)
+    done = import_scene(scene, path, photos, upright, ImportedScene.find(scene) if replace else None, named)
     state.source = str(path.parent if path.is_file() else path)
     list_roots(scene, done)
     if operator is not None:
@@ -159,7 +159,7 @@ def bring_in(
     return done
 
 
-def list_roots(scene: bpy.types.Scene, done: Imported) -> None:
+def list_roots(scene: bpy.types.Scene, done: SceneImport) -> None:
     """Put the root photos into the list; photos with clicks of the same names keep them."""
     model = done.model
     names = {model.photos[i].name for i in choose_roots(model)}
@@ -189,9 +189,9 @@ def fit_on_camera_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph)
         return
     if scene.mgf.fit_render:
         fit_render(scene, camera)
-    tree = Tree.find(scene)
-    if tree is not None:
-        clear_view(tree, camera)
+    imported = ImportedScene.find(scene)
+    if imported is not None:
+        clear_view(imported, camera)
 
 
 _last: dict[str, str] = {}  # scene name -> name of the camera seen last

@@ -14,7 +14,7 @@ from ..jobs.import_status import draw_waiting
 from ..jobs.status_label import draw_job
 from ..scene_keys import key_of
 from .crop import find_crop_box
-from .tree import Tree
+from .imported_scene import ImportedScene
 
 
 class MGF_PT_scene(SidebarPanel, bpy.types.Panel):
@@ -25,17 +25,18 @@ class MGF_PT_scene(SidebarPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, state = self.layout, context.scene.mgf
-        tree = Tree.find(context.scene)
-        if tree is None:
+        imported = ImportedScene.find(context.scene)
+        if imported is None:
             _draw_import(layout, context.scene)
             return
         row = layout.row(align=True)
-        row.label(text=tr("{count} cameras", count=len(tree.objects("Cameras"))), icon="CAMERA_DATA", translate=False)
+        count = len(imported.objects("Cameras"))
+        row.label(text=tr("{count} cameras", count=count), icon="CAMERA_DATA", translate=False)
         row.operator("mgf.look_through", text="", icon="TRIA_LEFT").step = -1
         row.operator("mgf.look_through", text="", icon="VIEW_CAMERA").step = 0
         row.operator("mgf.look_through", text="", icon="TRIA_RIGHT").step = 1
         row.prop(state, "fit_render", text="", icon="FULLSCREEN_ENTER")
-        if find_crop_box(tree) is None:
+        if find_crop_box(imported) is None:
             layout.operator("mgf.add_crop_box", icon="MESH_CUBE")
             return
         row = layout.row(align=True)
@@ -46,7 +47,7 @@ class MGF_PT_scene(SidebarPanel, bpy.types.Panel):
 
 def finding_cameras(scene: bpy.types.Scene) -> Job | None:
     """Return the job that finds the cameras of imported photos, while it runs and there are none yet."""
-    return runner.live_job(key_of(scene), ("scene",)) if Tree.find(scene) is None else None
+    return runner.live_job(key_of(scene), ("scene",)) if ImportedScene.find(scene) is None else None
 
 
 def _draw_import(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
@@ -73,7 +74,7 @@ class _OfImportedScene(SidebarPanel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return Tree.find(context.scene) is not None
+        return ImportedScene.find(context.scene) is not None
 
 
 class MGF_PT_placement(_OfImportedScene, bpy.types.Panel):

@@ -11,8 +11,8 @@ from ..common.text import N_, tr
 from ..common.views import scale_views
 from .cameras import HELD_KEY, set_clipping
 from .frame import rotation_to_z, turn_as_held, up_direction
+from .imported_scene import ImportedScene
 from .operators import SceneOperator
-from .tree import Tree
 
 DIALOG_WIDTH = 460  # pixels at interface scale 1: room for the sentence in every language
 LENGTHS = N_("Drawings and models get true lengths from Georeference")
@@ -53,12 +53,12 @@ class MGF_OT_set_scale(SceneOperator):
         self.measured = measured = _distance(context)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")  # the undo steps of other modes know nothing of objects' scale
-        tree, factor = Tree.find(context.scene), self.distance / measured
-        root = tree.root
+        imported, factor = ImportedScene.find(context.scene), self.distance / measured
+        root = imported.root
         root.matrix_basis = Matrix.Scale(factor, 4) @ root.matrix_basis
         scale_views(context, factor)
-        for obj in tree.objects("Cameras"):
-            set_clipping(obj.data, tree)
+        for obj in imported.objects("Cameras"):
+            set_clipping(obj.data, imported)
         self.report({"INFO"}, tr("{measured:.6g} measured, scaled by {factor:.6g}", measured=measured, factor=factor))
 
 
@@ -81,12 +81,12 @@ class MGF_OT_set_up_axis(SceneOperator):
     )  # fmt: skip
 
     def run(self, context: bpy.types.Context) -> None:
-        tree = Tree.find(context.scene)
+        imported = ImportedScene.find(context.scene)
         if self.axis == "CAMERAS":
-            up = up_direction(np.array([_rotation_as_held(camera) for camera in tree.cameras()]))
+            up = up_direction(np.array([_rotation_as_held(camera) for camera in imported.cameras()]))
         else:
             up = np.eye(3)["XYZ".index(self.axis[-1])] * (-1.0 if self.axis.startswith("NEG") else 1.0)
-        root = tree.root
+        root = imported.root
         location, _, scale = root.matrix_basis.decompose()
         root.matrix_basis = Matrix.LocRotScale(location, Matrix(rotation_to_z(up).tolist()), scale)
 

@@ -9,27 +9,27 @@ import numpy as np
 from ..common.materials import show_points
 from ..common.meshes import make_mesh, prepare_mesh, vertices_of
 from .colmap import Points
-from .tree import FIELD_KEY, Tree
+from .imported_scene import FIELD_KEY, ImportedScene
 
 #: Size of a drawn point, as a share of the scene's size.
 _SIZE = 0.006
 
 
-def add_points(tree: Tree, points: Points, name: str = "Sparse Points") -> bpy.types.Object | None:
+def add_points(imported: ImportedScene, points: Points, name: str = "Sparse Points") -> bpy.types.Object | None:
     """Return one mesh of loose vertices, drawn as round points; None when the model has no points."""
     if len(points.xyz) == 0:
         return None
     values = {"track_length": points.track_length, "reprojection_error": points.error}
-    mesh = make_mesh(name, prepare_mesh(points.xyz - tree.offset, np.zeros((0, 3)), points.rgb, values))
+    mesh = make_mesh(name, prepare_mesh(points.xyz - imported.offset, np.zeros((0, 3)), points.rgb, values))
     obj = bpy.data.objects.new(name, mesh)
-    tree.add("Points", obj)
-    show_points(obj, _SIZE * tree.radius)
+    imported.add("Points", obj)
+    show_points(obj, _SIZE * imported.radius)
     return obj
 
 
-def sparse_points(tree: Tree) -> np.ndarray:
+def sparse_points(imported: ImportedScene) -> np.ndarray:
     """Return the sparse points in the empty's frame, float64 [N, 3]; the Gaussian field, of the same kind, is none."""
-    clouds = [o for o in tree.objects("Points") if o.type == "MESH" and not o.get(FIELD_KEY)]
+    clouds = [o for o in imported.objects("Points") if o.type == "MESH" and not o.get(FIELD_KEY)]
     if not clouds:
         return np.zeros((0, 3))
     matrix = np.array(clouds[0].matrix_basis, np.float64)

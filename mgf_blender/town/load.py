@@ -19,7 +19,7 @@ from ..georef.place import note_place
 from ..results.load import SHARP_ANGLE
 from ..results.surface import show
 from ..results.texture import check_picture, load_texture, read_uv
-from ..scene_import.tree import check_own, is_own, objects_below
+from ..scene_import.imported_scene import check_own, is_own, objects_below
 from .files import COORDINATES, MESH, PICTURE, TERRAIN, TERRAIN_MESH, Building, Town
 
 #: On the collection of a town: its folder. On a building's object: its name, its job folder, and its simplified mesh

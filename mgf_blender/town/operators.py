@@ -11,7 +11,7 @@ from ..common.operators import FileOperator, Operator
 from ..common.selection import selected_objects
 from ..common.text import tr
 from ..common.views import frame_scene
-from ..scene_import.tree import is_own, objects_below
+from ..scene_import.imported_scene import is_own, objects_below
 from .files import read_town
 from .load import BUILDING_KEY, JOB_KEY, LIGHT_KEY, find_town, import_steps, show_full, show_light
 

@@ -5,7 +5,7 @@ import bpy
 
 from ..common.panels import SidebarPanel
 from ..common.text import draw_sentence, tr
-from ..scene_import.tree import objects_below
+from ..scene_import.imported_scene import objects_below
 from .load import BUILDING_KEY, JOB_KEY, find_town
 from .operators import chosen_buildings, is_full
 

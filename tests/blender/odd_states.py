@@ -38,7 +38,7 @@ from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.jobs import import_status
 from mgf_blender.scene_import.crop import find_crop_box
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 #: They open programs of the system, or install.
 SKIPPED = {"open_engine_log", "install_engine", "show_preferences"}
@@ -220,7 +220,7 @@ def look() -> None:
     """Draw everything, as Blender does after each step."""
     scene = bpy.context.scene
     bpy.context.view_layer.update()
-    find_crop_box(Tree.find(scene))
+    find_crop_box(ImportedScene.find(scene))
     for cls in bpy.types.Panel.__subclasses__():
         if cls.__name__.startswith("MGF_PT_"):
             draw(cls)

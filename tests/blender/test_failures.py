@@ -19,7 +19,7 @@ from mgf_blender.engine.task import DONE, FAILED, Step, Task
 from mgf_blender.prompts import files, preview
 from mgf_blender.prompts.tool import TOOL_ID
 from mgf_blender.reconstruct import estimate
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 FULL = Path("/dev/full")  # every write to it fails as on a full disk
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
@@ -101,13 +101,13 @@ def test_no_network_is_one_sentence(tmp_path):
 def test_undo_of_a_scene_import(addon, house):
     bpy.ops.ed.undo_push(message="before")
     bpy.ops.mgf.import_colmap("EXEC_DEFAULT", True, filepath=str(house.folder))
-    assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
+    assert len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12
     bpy.ops.ed.undo()
     state = bpy.context.scene.mgf
-    assert Tree.find(bpy.context.scene) is None and not state.source and not len(state.photos)
+    assert ImportedScene.find(bpy.context.scene) is None and not state.source and not len(state.photos)
     assert not [o for o in bpy.data.objects if "mgf_kind" in o]
     bpy.ops.ed.redo()
-    assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12 and bpy.context.scene.mgf.source
+    assert len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12 and bpy.context.scene.mgf.source
 
 
 def test_undo_while_a_job_runs(state, engine, house):
@@ -125,7 +125,7 @@ def test_undo_while_a_job_runs(state, engine, house):
     assert len(bpy.context.scene.mgf.photos[0].clicks) == 1 and job.live
     while runner.pump():
         time.sleep(0.01)
-    assert job.status == DONE and len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert job.status == DONE and len(ImportedScene.find(bpy.context.scene).objects("Mesh")) == 1
 
 
 def image_editor() -> tuple[bpy.types.Window, bpy.types.Area]:

@@ -13,7 +13,7 @@ import bpy
 import pytest
 
 from mgf_blender.scene_import.crop import find_crop_box
-from mgf_blender.scene_import.tree import OFFSET_KEY, Tree
+from mgf_blender.scene_import.imported_scene import OFFSET_KEY, ImportedScene
 
 
 def test_operators_in_odd_states(tmp_path):
@@ -34,7 +34,7 @@ def test_a_context_without_window_has_a_selection(ready):
             bpy.ops.mgf.use_as_section()
         with pytest.raises(RuntimeError, match="Select exactly two vertices or two objects first"):
             bpy.ops.mgf.set_scale(distance=2.0)
-    assert bpy.context.selected_objects == [find_crop_box(Tree.find(bpy.context.scene))]
+    assert bpy.context.selected_objects == [find_crop_box(ImportedScene.find(bpy.context.scene))]
 
 
 def test_a_system_without_program_for_a_file_is_named(ready, house, monkeypatch, tmp_path):
@@ -80,7 +80,7 @@ def test_resume_that_cannot_start_leaves_the_options(ready, house, monkeypatch):
 
 
 def test_an_empty_that_has_lost_what_it_knew_is_no_scene(ready):
-    del Tree.find(bpy.context.scene).root[OFFSET_KEY]
-    assert Tree.find(bpy.context.scene) is None
+    del ImportedScene.find(bpy.context.scene).root[OFFSET_KEY]
+    assert ImportedScene.find(bpy.context.scene) is None
     bpy.ops.mgf.reload_scene()
-    assert Tree.find(bpy.context.scene) is not None
+    assert ImportedScene.find(bpy.context.scene) is not None

@@ -200,8 +200,8 @@ def labels() -> list[tuple[str, int]]:
     )
     found = []
     for name in modules:
-        tree = ast.parse((REPO / "mgf_blender" / f"{name}.py").read_text(encoding="utf-8"))
-        calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call) and getattr(n.func, "attr", "") == "label"]
+        imported = ast.parse((REPO / "mgf_blender" / f"{name}.py").read_text(encoding="utf-8"))
+        calls = [n for n in ast.walk(imported) if isinstance(n, ast.Call) and getattr(n.func, "attr", "") == "label"]
         texts = [k.value for n in calls for k in n.keywords if k.arg == "text"]
         texts = [t.args[0] if isinstance(t, ast.Call) and t.args else t for t in texts]
         found += [(t.value, t.lineno) for t in texts if isinstance(t, ast.Constant) and isinstance(t.value, str)]

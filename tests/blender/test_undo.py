@@ -20,7 +20,7 @@ import mgf_blender
 from mgf_blender.jobs import import_status
 from mgf_blender.results import async_import
 from mgf_blender.scene_import.crop import find_crop_box
-from mgf_blender.scene_import.tree import KINDS, Tree
+from mgf_blender.scene_import.imported_scene import KINDS, ImportedScene
 house = synthetic.write_house(Path(sys.argv[3]) / "house")
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.preferences.edit.use_global_undo = True
@@ -28,9 +28,9 @@ mgf_blender.register()
 bpy.ops.ed.undo_push(message="start")
 
 def drawn(scene=None):
-    tree = Tree.find(scene or bpy.context.scene)
-    find_crop_box(tree)
-    return None if tree is None else [len(tree.objects(kind)) for kind in KINDS]
+    imported = ImportedScene.find(scene or bpy.context.scene)
+    find_crop_box(imported)
+    return None if imported is None else [len(imported.objects(kind)) for kind in KINDS]
 
 steps = {
     "scene": lambda: bpy.ops.mgf.import_colmap("EXEC_DEFAULT", True, filepath=str(house.folder)),
@@ -83,7 +83,7 @@ steps["scene"]()
 first = bpy.context.scene.name
 if own == "own":
     steps["result"]()
-    bpy.context.view_layer.objects.active = Tree.find(bpy.context.scene).objects("Mesh")[0]
+    bpy.context.view_layer.objects.active = ImportedScene.find(bpy.context.scene).objects("Mesh")[0]
 else:
     if hidden == "hidden":
         push(bpy.ops.scene.new, type="NEW")

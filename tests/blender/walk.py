@@ -38,8 +38,8 @@ from mgf_blender.reconstruct.panel import MGF_PT_mark, MGF_PT_options, MGF_PT_re
 from mgf_blender.results import async_import, surface, view_mode
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.crop import crop_text
+from mgf_blender.scene_import.imported_scene import KINDS, ImportedScene
 from mgf_blender.scene_import.panel import MGF_PT_placement, MGF_PT_scene, MGF_PT_source
-from mgf_blender.scene_import.tree import KINDS, Tree
 from mgf_blender.scene_keys import scene_of
 
 PANELS = (MGF_PT_scene, MGF_PT_placement, MGF_PT_source, MGF_PT_mark, MGF_PT_reconstruct, MGF_PT_options,
@@ -234,16 +234,16 @@ def check() -> None:
     """Panel, viewport and files agree in every scene."""
     for scene in bpy.data.scenes:
         scene.view_layers[0].update()
-        tree = Tree.find(scene)
-        crop_text(tree)
-        if tree is None:
+        imported = ImportedScene.find(scene)
+        crop_text(imported)
+        if imported is None:
             continue
-        counts = {kind: len(tree.objects(kind)) for kind in KINDS}
+        counts = {kind: len(imported.objects(kind)) for kind in KINDS}
         assert counts["Mesh"] <= 1, counts
-        for obj in (o for kind in KINDS for o in tree.objects(kind)):
-            assert obj.name and obj.parent in (tree.root, *tree.objects("Cameras"), None), obj.name
-        check_viewports(scene, tree)
-        for camera in tree.objects("Cameras"):
+        for obj in (o for kind in KINDS for o in imported.objects(kind)):
+            assert obj.name and obj.parent in (imported.root, *imported.objects("Cameras"), None), obj.name
+        check_viewports(scene, imported)
+        for camera in imported.objects("Cameras"):
             check_camera(camera)
     for cls in PANELS:
         draw(cls)
@@ -255,13 +255,13 @@ def check() -> None:
     assert not any("mistake" in text for text in import_status._problems.values()), import_status._problems.values()
 
 
-def check_viewports(scene: bpy.types.Scene, tree: Tree) -> None:
+def check_viewports(scene: bpy.types.Scene, imported: ImportedScene) -> None:
     """Viewports of the window that draw our colours draw what the mesh is painted with."""
     for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas if window.scene == scene and tree.objects("Mesh") else ():
+        for area in window.screen.areas if window.scene == scene and imported.objects("Mesh") else ():
             drawn = area.spaces.active.shading.color_type if area.type == "VIEW_3D" else ""
             if drawn in {"TEXTURE", "VERTEX"}:
-                assert (drawn == "TEXTURE") == tree.shows_texture, drawn
+                assert (drawn == "TEXTURE") == imported.shows_texture, drawn
 
 
 def check_camera(camera: bpy.types.Object) -> None:

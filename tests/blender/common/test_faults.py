@@ -16,7 +16,7 @@ from mgf_blender.prompts import files, preview
 from mgf_blender.reconstruct import preview_image
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 WORDS = "The add-on made a mistake"
 
@@ -49,7 +49,7 @@ def test_a_listener_that_raises_stops_nothing(ready, monkeypatch, tmp_path):
     job = make_job(bpy.context.scene)
     runner.submit(job)
     tick(lambda: not job.live)
-    assert job.status == DONE and len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert job.status == DONE and len(ImportedScene.find(bpy.context.scene).objects("Mesh")) == 1
     assert [WORDS in text for text in job.warnings] == [False, True] and "Cannot read the picture" in job.warnings[1]
 
 
@@ -121,7 +121,7 @@ def test_an_arrival_that_raises_is_dropped_and_said(ready, house, monkeypatch, p
     async_import.begin(scene, house.job)  # and can be tried again
     while async_import.pump():
         time.sleep(0.002)
-    assert len(Tree.find(scene).objects("Mesh")) == 1 and not import_status.problem(scene)
+    assert len(ImportedScene.find(scene).objects("Mesh")) == 1 and not import_status.problem(scene)
 
 
 def test_a_preview_that_raises_is_said(ready, monkeypatch, engine):

@@ -20,7 +20,7 @@ from mgf_blender.drawings.panel import MGF_PT_drawings
 from mgf_blender.drawings.sections import find_sections
 from mgf_blender.jobs.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
-from mgf_blender.scene_import.tree import FIELD_KEY, Tree
+from mgf_blender.scene_import.imported_scene import FIELD_KEY, ImportedScene
 
 
 @pytest.fixture
@@ -96,34 +96,35 @@ def test_options_reach_the_engine(finished, house):
 
 def test_a_plane_says_where_to_cut_in_the_meshs_own_coordinates(finished, house):
     """The house leans with its whole scene, and Blender shows it upright: the plane comes back leaning."""
-    tree = Tree.find(bpy.context.scene)
+    imported = ImportedScene.find(bpy.context.scene)
     bpy.ops.mgf.add_section(axis="LEVEL")
     (plane,) = find_sections(bpy.context.scene)
     bpy.context.view_layer.update()
     plane.matrix_world.translation.z = 1.0
     bpy.ops.mgf.make_drawings()
     given = sections(house)["Section"]
-    root = np.array(tree.root.matrix_world)
-    point = root[:3, :3] @ (given[:3] - tree.offset) + root[:3, 3]
+    root = np.array(imported.root.matrix_world)
+    point = root[:3, :3] @ (given[:3] - imported.offset) + root[:3, 3]
     assert point[2] == pytest.approx(1.0, abs=1e-5)
     assert root[:3, :3] @ given[3:] == pytest.approx([0, 0, 1], abs=1e-5)
     assert abs(given[5]) < 0.99  # it would be 1 in an upright scene
 
 
 def test_a_plane_goes_through_the_mesh_and_not_through_the_gaussian_field(finished):
-    tree = Tree.find(bpy.context.scene)
+    imported = ImportedScene.find(bpy.context.scene)
     for kind in ("Mesh", "Points"):
-        tree.clear(kind)
+        imported.clear(kind)
     data = bpy.data.meshes.new("Gaussian Field")
     data.from_pydata([(500, 0, 0), (900, 0, 0)], [], [])
     field = bpy.data.objects.new("Gaussian Field", data)
-    tree.add("Points", field)
+    imported.add("Points", field)
     field[FIELD_KEY] = True
     bpy.context.view_layer.update()
     bpy.ops.mgf.add_section(axis="SIDE")
     (plane,) = find_sections(bpy.context.scene)
     bpy.context.view_layer.update()
-    assert np.array(plane.matrix_world.translation) == pytest.approx(np.array(tree.root.matrix_world)[:3, 3], abs=1e-4)
+    origin = np.array(imported.root.matrix_world)[:3, 3]
+    assert np.array(plane.matrix_world.translation) == pytest.approx(origin, abs=1e-4)
 
 
 @pytest.mark.parametrize("scale", [(1, 1, 0), (2, 1, -3)])
@@ -132,7 +133,7 @@ def test_a_plane_that_was_scaled_flat_or_mirrored_still_cuts(finished, house, sc
     bpy.context.object.scale = scale
     bpy.ops.mgf.use_as_section()
     bpy.ops.mgf.make_drawings()
-    root = np.array(Tree.find(bpy.context.scene).root.matrix_world)
+    root = np.array(ImportedScene.find(bpy.context.scene).root.matrix_world)
     normal = root[:3, :3] @ sections(house)["Plane"][3:]
     assert normal / np.linalg.norm(normal) == pytest.approx([np.sign(scale[2]) or 1, 0, 0], abs=1e-5)
 
@@ -146,7 +147,7 @@ def test_own_objects_are_sections_and_stay_when_they_are_none_any_more(finished,
     assert [o.name for o in find_sections(bpy.context.scene)] == ["Empty", "Plane"]
     bpy.data.objects["Plane"].name = "Cut: wall & door"
     bpy.ops.mgf.make_drawings()
-    given, root = sections(house), np.array(Tree.find(bpy.context.scene).root.matrix_world)
+    given, root = sections(house), np.array(ImportedScene.find(bpy.context.scene).root.matrix_world)
     assert set(given) == {"Empty", "Cut-wall-door"}
     assert np.abs(root[:3, :3] @ given["Cut-wall-door"][3:]) == pytest.approx([0, 1, 0], abs=1e-5)
     assert np.abs(root[:3, :3] @ given["Empty"][3:]) == pytest.approx([1, 0, 0], abs=1e-5)

@@ -24,7 +24,7 @@ from mgf_blender.prompts.panel import MGF_PT_masks, MGF_PT_prompts
 from mgf_blender.prompts.tool import MGF_PointTool
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.scene_import.cameras import PHOTO_KEY
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 @pytest.fixture
@@ -133,13 +133,13 @@ def test_after_the_run_the_scene_lies_where_it_truly_is(finished, house):
     bpy.ops.mgf.predict_places()
     set_mark(bpy.context.scene, "P1", finished.photos[0].name, (1, 2))
     bpy.ops.mgf.georeference()
-    scene, tree = bpy.context.scene, Tree.find(bpy.context.scene)
+    scene, imported = bpy.context.scene, ImportedScene.find(bpy.context.scene)
     found = files.read_placement(house.job)
-    (mesh,) = tree.objects("Mesh")
+    (mesh,) = imported.objects("Mesh")
     bpy.context.view_layer.update()
     own = np.array(mesh.data.vertices[3].co)
     world = np.array(mesh.matrix_world) @ np.append(own, 1.0)
-    in_scene = np.array(mesh.matrix_basis) @ np.append(own, 1.0) + np.append(tree.offset, 0.0)
+    in_scene = np.array(mesh.matrix_basis) @ np.append(own, 1.0) + np.append(imported.offset, 0.0)
     assert world[:3] == pytest.approx((found.to_local @ in_scene)[:3], abs=1e-4)
     assert [scene[k] for k in ("SRID", "crs x", "crs y", "crs z")] == ["EPSG:25832", *OFFSET]
     assert scene["north"] == 0.0 and scene["latitude"] == 48.1 and scene["longitude"] == 11.6
@@ -148,15 +148,15 @@ def test_after_the_run_the_scene_lies_where_it_truly_is(finished, house):
     assert "In true coordinates: EPSG:25832" in said and "Origin at 691234, 5334876, 500" in said
     assert "P1\n+3\n-4\n+0\n0.5" in said and "P9\n–\n–\n–\n–" in said
     assert "Control: RMSE 5.0 mm" in said and "Check: RMSE 12.0 mm" in said
-    tree.root.location.x += 1.0
+    imported.root.location.x += 1.0
     bpy.context.view_layer.update()
     assert "Place in True Coordinates" in draw(MGF_PT_georef).said
     view = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D").region_3d
     view.view_location = (9.0, 9.0, 9.0)
     bpy.ops.mgf.place_scene()
     bpy.context.view_layer.update()
-    assert place.is_placed(scene, tree, found)
-    middle = np.mean([o.matrix_world.translation for o in tree.cameras()], axis=0)
+    assert place.is_placed(scene, imported, found)
+    middle = np.mean([o.matrix_world.translation for o in imported.cameras()], axis=0)
     assert np.linalg.norm(np.array(view.view_location) - middle) < 10  # it stands 19 m higher than it did
     view.view_location = (9.0, 9.0, 9.0)
     bpy.ops.mgf.place_scene()
@@ -186,20 +186,20 @@ def test_a_scene_far_from_its_origin_keeps_its_offset(addon, engine, tmp_path, g
     data["to_local"][0][3], data["to_local"][1][3] = -4.5e6, -5.4e6
     (house.job / "georef.json").write_text(json.dumps(data))
     bpy.ops.mgf.place_scene()
-    tree = Tree.find(bpy.context.scene)
-    assert np.abs(tree.offset[:2] - (4.5e6, 5.4e6)).max() < 20
-    assert np.array(tree.root.matrix_world)[:2, 3] == pytest.approx(tree.offset[:2] - (4.5e6, 5.4e6), abs=1e-5)
+    imported = ImportedScene.find(bpy.context.scene)
+    assert np.abs(imported.offset[:2] - (4.5e6, 5.4e6)).max() < 20
+    assert np.array(imported.root.matrix_world)[:2, 3] == pytest.approx(imported.offset[:2] - (4.5e6, 5.4e6), abs=1e-5)
 
 
 def test_without_true_coordinates_nothing_moves(finished, house):
-    before = Tree.find(bpy.context.scene).root.matrix_world.copy()
+    before = ImportedScene.find(bpy.context.scene).root.matrix_world.copy()
     with pytest.raises(RuntimeError, match="Press Georeference Job first"):
         bpy.ops.mgf.place_scene()
     (house.job / "georef.json").write_text("{")
     with pytest.raises(RuntimeError, match="The job has no true coordinates yet"):
         bpy.ops.mgf.place_scene()
     assert "Place in True" not in draw(MGF_PT_georef).said
-    assert Tree.find(bpy.context.scene).root.matrix_world == before
+    assert ImportedScene.find(bpy.context.scene).root.matrix_world == before
 
 
 def test_marks_go_to_a_file_and_back(finished, tmp_path):
@@ -285,7 +285,7 @@ def test_the_tool_marks_points_or_the_building_but_never_both(finished):
 
 def test_cameras_without_photo_names_are_passed_over(finished):
     bpy.ops.mgf.predict_places()
-    for camera in Tree.find(bpy.context.scene).objects("Cameras")[:3]:
+    for camera in ImportedScene.find(bpy.context.scene).objects("Cameras")[:3]:
         del camera[PHOTO_KEY]
     assert bpy.ops.mgf.next_marked_photo(step=1) == {"FINISHED"}
 

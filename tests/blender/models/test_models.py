@@ -18,7 +18,7 @@ from layouts import draw
 from mgf_blender.models.lods import levels_of, shown_level
 from mgf_blender.models.panel import MGF_PT_models
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 @pytest.fixture
@@ -75,13 +75,13 @@ def compress(path: Path) -> None:
     """Say in a GLB that its mesh is compressed, as the engine does; its first bytes stand for Draco's."""
     data = path.read_bytes()
     (length,) = struct.unpack_from("<I", data, 12)
-    tree = json.loads(data[20 : 20 + length])
-    primitive = tree["meshes"][0]["primitives"][0]
+    imported = json.loads(data[20 : 20 + length])
+    primitive = imported["meshes"][0]["primitives"][0]
     primitive["extensions"] = {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}
-    for accessor in tree["accessors"]:
+    for accessor in imported["accessors"]:
         del accessor["bufferView"]  # what they describe comes out of the extension
-    tree["extensionsUsed"] = tree["extensionsRequired"] = ["KHR_draco_mesh_compression"]
-    text = json.dumps(tree).encode()
+    imported["extensionsUsed"] = imported["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    text = json.dumps(imported).encode()
     text += b" " * (-len(text) % 4)
     rest = data[20 + length :]
     head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
@@ -120,16 +120,16 @@ def test_levels_stand_where_the_building_stands(finished, house):
     bpy.ops.mgf.make_models()
     bpy.ops.mgf.import_lods()
     scene = bpy.context.scene
-    tree = Tree.find(scene)
-    found = levels_of(tree)
+    imported = ImportedScene.find(scene)
+    found = levels_of(imported)
     assert [o.name.rsplit("_", 1)[1] for o in found] == ["LOD0", "LOD1", "LOD2"]
     assert len({o.parent for o in found}) == 1 and found[0].parent["fbx_type"] == "LodGroup"
     assert {c.name for o in found for c in o.users_collection} == {"LODs"}
     assert not any(o.name.startswith("building") for o in scene.collection.objects)
-    root = np.array(tree.root.matrix_world)
+    root = np.array(imported.root.matrix_world)
     for obj, size in zip(found, SIZES, strict=True):
         local = np.array([(0, 0, 1), (size, 0, 1), (size, size, 1), (0, size, 1)], float)
-        wanted = local @ TO_SCENE[:3, :3].T + TO_SCENE[:3, 3] - tree.offset
+        wanted = local @ TO_SCENE[:3, :3].T + TO_SCENE[:3, 3] - imported.offset
         wanted = wanted @ root[:3, :3].T + root[:3, 3]
         at = world(obj)
         nearest = np.linalg.norm(at[:, None] - wanted, axis=2).min(0)
@@ -142,12 +142,12 @@ def test_levels_stand_where_the_building_stands(finished, house):
 def test_one_level_is_shown_and_the_mesh_gives_way(finished):
     bpy.ops.mgf.make_models()
     bpy.ops.mgf.import_lods()
-    tree = Tree.find(bpy.context.scene)
-    assert shown_level(tree) == 0 and all(o.hide_get() for o in tree.objects("Mesh"))
+    imported = ImportedScene.find(bpy.context.scene)
+    assert shown_level(imported) == 0 and all(o.hide_get() for o in imported.objects("Mesh"))
     bpy.ops.mgf.show_lod(level=2)
-    assert shown_level(tree) == 2 and [o.hide_render for o in levels_of(tree)] == [True, True, False]
+    assert shown_level(imported) == 2 and [o.hide_render for o in levels_of(imported)] == [True, True, False]
     bpy.ops.mgf.paint_mesh(kind="COLOR")
-    assert shown_level(tree) is None and not any(o.hide_get() for o in tree.objects("Mesh"))
+    assert shown_level(imported) is None and not any(o.hide_get() for o in imported.objects("Mesh"))
 
 
 @pytest.mark.parametrize("kind", ["PHOTO", "RENDER", "ERROR", "MESH"])
@@ -155,10 +155,10 @@ def test_no_level_covers_what_the_camera_shows(finished, kind):
     """Renders are clear beside the building, where a level would look through; on the mesh it would flicker."""
     bpy.ops.mgf.make_models()
     bpy.ops.mgf.import_lods()
-    tree = Tree.find(bpy.context.scene)
-    bpy.context.scene.camera = tree.objects("Renders")[0].parent
+    imported = ImportedScene.find(bpy.context.scene)
+    bpy.context.scene.camera = imported.objects("Renders")[0].parent
     bpy.ops.mgf.show_in_camera(kind=kind)
-    assert all(o.hide_get() for o in levels_of(tree)) and tree.objects("Mesh")[0].hide_get() == (kind != "MESH")
+    assert all(o.hide_get() for o in levels_of(imported)) and imported.objects("Mesh")[0].hide_get() == (kind != "MESH")
 
 
 def test_levels_come_into_a_collection_that_is_excluded(finished):
@@ -166,7 +166,7 @@ def test_levels_come_into_a_collection_that_is_excluded(finished):
     for child in bpy.context.view_layer.layer_collection.children:
         child.exclude = True
     assert bpy.ops.mgf.import_lods() == {"FINISHED"}
-    assert len(levels_of(Tree.find(bpy.context.scene))) == len(SIZES)
+    assert len(levels_of(ImportedScene.find(bpy.context.scene))) == len(SIZES)
 
 
 def test_importing_again_leaves_nothing_behind(finished):
@@ -180,7 +180,7 @@ def test_importing_again_leaves_nothing_behind(finished):
     bpy.ops.mgf.show_lod(level=1)
     bpy.ops.ed.undo_push(message="show")
     bpy.ops.ed.undo()
-    assert shown_level(Tree.find(bpy.context.scene)) == 0 and "Level 0" in draw(MGF_PT_models).said
+    assert shown_level(ImportedScene.find(bpy.context.scene)) == 0 and "Level 0" in draw(MGF_PT_models).said
 
 
 def test_what_cannot_be_read_is_one_sentence_and_changes_nothing(finished, house):

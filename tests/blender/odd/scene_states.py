@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from mgf_blender.scene_import.tree import ROLE_KEY, Tree
+from mgf_blender.scene_import.imported_scene import ROLE_KEY, ImportedScene
 from odd.stage import Stage
 
 
@@ -32,39 +32,39 @@ def cameras_deleted(stage: Stage) -> None:
 
 
 def origin_deleted(stage: Stage) -> None:
-    if _tree() is not None:
-        bpy.data.objects.remove(_tree().root)
+    if _imported() is not None:
+        bpy.data.objects.remove(_imported().root)
 
 
 def origin_scaled_to_zero(stage: Stage) -> None:
-    if _tree() is not None:
-        _tree().root.scale = 0, 0, 0
+    if _imported() is not None:
+        _imported().root.scale = 0, 0, 0
 
 
 def origin_flattened(stage: Stage) -> None:
-    if _tree() is not None:
-        _tree().root.scale = 1, 0, 1
+    if _imported() is not None:
+        _imported().root.scale = 1, 0, 1
 
 
 def origin_hung_elsewhere(stage: Stage) -> None:
-    if _tree() is not None:
-        _tree().root.parent = _cube()
+    if _imported() is not None:
+        _imported().root.parent = _cube()
 
 
 def origin_locked_away(stage: Stage) -> None:
     """In a collection outside the scene."""
-    if _tree() is not None:
-        bpy.context.scene.collection.children.unlink(_tree().collection)
+    if _imported() is not None:
+        bpy.context.scene.collection.children.unlink(_imported().collection)
 
 
 def collection_deleted(stage: Stage) -> None:
-    if _tree() is not None:
-        bpy.data.collections.remove(_tree().collection)
+    if _imported() is not None:
+        bpy.data.collections.remove(_imported().collection)
 
 
 def collections_below_deleted(stage: Stage) -> None:
-    if _tree() is not None:
-        bpy.data.batch_remove(list(_tree().collection.children))
+    if _imported() is not None:
+        bpy.data.batch_remove(list(_imported().collection.children))
 
 
 def collection_excluded(stage: Stage) -> None:
@@ -124,8 +124,8 @@ def mesh_duplicated(stage: Stage) -> None:
 
 
 def tree_duplicated(stage: Stage) -> None:
-    if _tree() is not None:
-        double = _tree().collection.copy()
+    if _imported() is not None:
+        double = _imported().collection.copy()
         bpy.context.scene.collection.children.link(double)
 
 
@@ -251,13 +251,13 @@ def unsaved(stage: Stage) -> None:
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
-def _tree() -> Tree | None:
-    return Tree.find(bpy.context.scene)
+def _imported() -> ImportedScene | None:
+    return ImportedScene.find(bpy.context.scene)
 
 
 def _objects(kind: str) -> list[bpy.types.Object]:
-    tree = _tree()
-    return tree.objects(kind) if tree is not None else []
+    imported = _imported()
+    return imported.objects(kind) if imported is not None else []
 
 
 def _mesh() -> bpy.types.Object | None:

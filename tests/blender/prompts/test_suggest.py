@@ -17,7 +17,7 @@ from mgf_blender.prompts.drawing import ring_triangles
 from mgf_blender.prompts.panel import MGF_PT_prompts
 from mgf_blender.prompts.suggest import proposed
 from mgf_blender.prompts.tool import nearest
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 CLICKS = {"positive": [[100.0, 80.0], [110.0, 85.0]], "negative": [[20.0, 150.0]]}
 
@@ -133,16 +133,16 @@ def test_proposals_survive_saving_and_one_undo_takes_them_back(state, tmp_path):
 
 
 def test_the_building_at_the_cursor_and_in_the_crop_box(state, house):
-    scene, tree = bpy.context.scene, Tree.find(bpy.context.scene)
-    tree.root.matrix_world @= tree.root.matrix_world.Scale(2.0, 4)
+    scene, imported = bpy.context.scene, ImportedScene.find(bpy.context.scene)
+    imported.root.matrix_world @= imported.root.matrix_world.Scale(2.0, 4)
     bpy.context.view_layer.update()
     local = np.array([0.5, -0.25, 1.0])
-    scene.cursor.location = tree.root.matrix_world @ tree.root.matrix_world.to_translation().__class__(local)
+    scene.cursor.location = imported.root.matrix_world @ imported.root.matrix_world.to_translation().__class__(local)
     state.suggest_at = "CURSOR"
     bpy.ops.mgf.suggest_clicks()
     line = arguments(house)
     at = line.index("--point")
-    assert [float(v) for v in line[at + 1 : at + 4]] == pytest.approx(local + tree.offset, abs=1e-5)
+    assert [float(v) for v in line[at + 1 : at + 4]] == pytest.approx(local + imported.offset, abs=1e-5)
     bpy.ops.mgf.add_crop_box()
     bpy.ops.mgf.suggest_clicks()
     assert any(text.startswith("crop_box=") and len(text) > 20 for text in arguments(house))

@@ -15,13 +15,13 @@ from mgf_blender.common import runner
 from mgf_blender.common.errors import UserError
 from mgf_blender.common.job import CANCELLED, DONE, FAILED
 from mgf_blender.reconstruct.start import make_job
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 def test_button_to_mesh(ready, house):
     assert bpy.ops.mgf.reconstruct() == {"FINISHED"}
-    tree = Tree.find(bpy.context.scene)
-    assert [len(tree.objects(k)) for k in ("Cameras", "Points", "Mesh", "Renders")] == [12, 1, 1, 4]
+    imported = ImportedScene.find(bpy.context.scene)
+    assert [len(imported.objects(k)) for k in ("Cameras", "Points", "Mesh", "Renders")] == [12, 1, 1, 4]
     assert json.loads(ready.figures)["psnr"] == 27.5
     job = runner.jobs(ready.key)[-1]
     assert job.status == DONE
@@ -86,7 +86,7 @@ def test_failures_reach_the_operator(ready, engine, mode, words):
     with pytest.raises(RuntimeError, match=words):
         bpy.ops.mgf.reconstruct()
     assert runner.jobs()[-1].status == FAILED
-    assert not Tree.find(bpy.context.scene).objects("Mesh")
+    assert not ImportedScene.find(bpy.context.scene).objects("Mesh")
 
 
 def test_queue_runs_one_after_the_other(ready, engine):
@@ -112,12 +112,12 @@ def test_import_of_a_result_is_one_undo_step(ready):
     bpy.ops.mgf.reconstruct()
     bpy.ops.ed.undo_push(message="before")
     bpy.ops.mgf.import_result("EXEC_DEFAULT", True)
-    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert len(ImportedScene.find(bpy.context.scene).objects("Mesh")) == 1
     bpy.ops.ed.undo()
-    tree = Tree.find(bpy.context.scene)
-    assert len(tree.objects("Cameras")) == 12 and not tree.objects("Mesh") and not tree.objects("Renders")
+    imported = ImportedScene.find(bpy.context.scene)
+    assert len(imported.objects("Cameras")) == 12 and not imported.objects("Mesh") and not imported.objects("Renders")
     bpy.ops.ed.redo()
-    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert len(ImportedScene.find(bpy.context.scene).objects("Mesh")) == 1
 
 
 def test_broken_result_is_a_sentence_not_a_traceback(ready, engine, house):
@@ -125,7 +125,7 @@ def test_broken_result_is_a_sentence_not_a_traceback(ready, engine, house):
     bpy.ops.mgf.reconstruct()
     job = runner.jobs()[-1]
     assert job.status == DONE and "damaged" in job.warnings[-1]
-    assert not Tree.find(bpy.context.scene).objects("Mesh")
+    assert not ImportedScene.find(bpy.context.scene).objects("Mesh")
 
 
 def test_masks_of_all_photos_are_a_job(ready):

@@ -15,14 +15,14 @@ from mgf_blender.common import runner
 from mgf_blender.reconstruct.operators import interrupted
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
 from mgf_blender.reconstruct.start import make_job
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 def test_second_run_resumes_in_its_folder(ready):
     bpy.ops.mgf.reconstruct()
     bpy.ops.mgf.reconstruct()
     assert "--resume" in arguments(ready.job_folder)
-    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert len(ImportedScene.find(bpy.context.scene).objects("Mesh")) == 1
 
 
 def test_option_set_back_to_default_reaches_a_resumed_job(ready):

@@ -16,7 +16,7 @@ from mgf_blender.jobs import import_status
 from mgf_blender.reconstruct import start
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 from mgf_blender.scene_keys import key_of, scene_key, scene_of
 
 
@@ -29,7 +29,7 @@ def test_objects_deleted_while_the_job_runs(ready, engine, house):
         bpy.data.objects.remove(obj)
     pump_until(lambda: not job.live)
     assert job.status == DONE and not job.warnings[1:]
-    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert len(ImportedScene.find(bpy.context.scene).objects("Mesh")) == 1
 
 
 def test_scene_deleted_while_the_job_runs(ready, engine, house):
@@ -56,7 +56,7 @@ def test_result_comes_from_the_job_s_folder(ready, engine, house, monkeypatch, w
     while async_import.pump():
         time.sleep(0.002)
     assert job.status == DONE and not job.warnings[1:] and not import_status.problem(bpy.context.scene)
-    assert len(Tree.find(bpy.context.scene).objects("Mesh")) == 1
+    assert len(ImportedScene.find(bpy.context.scene).objects("Mesh")) == 1
     assert ready.job_folder == str(house.folder.parent / "next")
     with pytest.raises(RuntimeError, match=r"The job has no gone\.txt yet"):
         bpy.ops.mgf.open_job_file(name="gone.txt", directory=str(job.folder))
@@ -70,9 +70,9 @@ def test_found_cameras_come_from_the_job_s_folder(ready, engine, house):
     runner.submit(job)
     pump_until(lambda: job.stage == "scene")
     ready.job_folder = str(house.folder.parent / "next")
-    bpy.data.objects.remove(Tree.find(bpy.context.scene).objects("Cameras")[0])
+    bpy.data.objects.remove(ImportedScene.find(bpy.context.scene).objects("Cameras")[0])
     pump_until(lambda: not job.live)
-    assert not job.warnings[1:] and len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
+    assert not job.warnings[1:] and len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12
 
 
 def test_two_scenes_keep_to_themselves(ready, engine, house):
@@ -82,10 +82,10 @@ def test_two_scenes_keep_to_themselves(ready, engine, house):
     second = bpy.context.scene
     assert second != first
     second.mgf.job_folder = str(house.folder.parent / "second job")
-    assert not Tree.find(first).objects("Mesh") and not Tree.find(second).objects("Mesh")
+    assert not ImportedScene.find(first).objects("Mesh") and not ImportedScene.find(second).objects("Mesh")
     bpy.ops.mgf.reconstruct()
     assert first.mgf.key != second.mgf.key
-    assert len(Tree.find(second).objects("Mesh")) == 1 and not Tree.find(first).objects("Mesh")
+    assert len(ImportedScene.find(second).objects("Mesh")) == 1 and not ImportedScene.find(first).objects("Mesh")
 
 
 def test_a_copied_scene_and_the_job_of_the_first(ready, engine, house):
@@ -103,7 +103,7 @@ def test_a_copied_scene_and_the_job_of_the_first(ready, engine, house):
     assert scene_key(second) != job.scene_key and scene_key(first) == job.scene_key
     assert scene_of(job.scene_key) == first
     pump_until(lambda: not job.live)
-    assert len(Tree.find(first).objects("Mesh")) == 1 and not Tree.find(second).objects("Mesh")
+    assert len(ImportedScene.find(first).objects("Mesh")) == 1 and not ImportedScene.find(second).objects("Mesh")
 
 
 def test_a_job_whose_start_was_undone_is_still_the_scene_s(ready, engine, house):
@@ -119,4 +119,4 @@ def test_a_job_whose_start_was_undone_is_still_the_scene_s(ready, engine, house)
     scene = bpy.context.scene
     assert not scene.mgf.key and runner.last_job(key_of(scene)) is job and scene_of(job.scene_key) == scene
     pump_until(lambda: not job.live)
-    assert len(Tree.find(scene).objects("Mesh")) == 1 and scene_key(scene) == job.scene_key
+    assert len(ImportedScene.find(scene).objects("Mesh")) == 1 and scene_key(scene) == job.scene_key

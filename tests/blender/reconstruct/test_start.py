@@ -13,7 +13,7 @@ from jobs import arguments
 from mgf_blender.common import runner
 from mgf_blender.common.job import Job
 from mgf_blender.reconstruct.start import make_job
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 def test_photos_alone_start_structure_from_motion(addon, engine, house):
@@ -24,9 +24,9 @@ def test_photos_alone_start_structure_from_motion(addon, engine, house):
     addon.job_folder = ""
     assert bpy.ops.mgf.import_photos(directory=str(folder)) == {"FINISHED"}
     assert arguments(addon.job_folder)[:2] == ["scene", str(folder)]
-    assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12 and addon.source == str(folder)
+    assert len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12 and addon.source == str(folder)
     assert all(p.file for p in addon.photos)
-    assert Tree.find(bpy.context.scene).collection.name == house.folder.name  # "model" is the engine's folder
+    assert ImportedScene.find(bpy.context.scene).collection.name == house.folder.name  # "model" is the engine's folder
 
 
 def test_photos_in_hidden_folders_alone_are_none(addon, engine, tmp_path):
@@ -42,7 +42,7 @@ def test_photos_with_a_model_are_imported_with_its_cameras(addon, engine, house)
     """The engine takes that model, so it finds no cameras: the import failed after the job."""
     engine("ok")
     assert bpy.ops.mgf.import_photos(directory=str(house.folder)) == {"FINISHED"}
-    assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12 and addon.source == str(house.folder)
+    assert len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12 and addon.source == str(house.folder)
     assert not runner.jobs()
 
 

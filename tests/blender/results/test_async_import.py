@@ -17,7 +17,7 @@ from mgf_blender.common.meshes import make_mesh, prepare_mesh
 from mgf_blender.jobs import import_status
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def pump(until=lambda: not async_import._imports) -> None:
 
 
 def meshes() -> list[bpy.types.Object]:
-    return Tree.find(bpy.context.scene).objects("Mesh")
+    return ImportedScene.find(bpy.context.scene).objects("Mesh")
 
 
 def pending() -> list[str]:
@@ -47,7 +47,7 @@ def test_arrives_like_an_import_in_one_go(ready, house):
     truth, faces, _ = synthetic.house_mesh()
     assert (len(obj.data.vertices), len(obj.data.polygons)) == (len(truth), len(faces))
     assert obj.name == obj.data.name == "job" and not pending() and not import_status.problem(bpy.context.scene)
-    assert len(Tree.find(bpy.context.scene).objects("Renders")) == 4
+    assert len(ImportedScene.find(bpy.context.scene).objects("Renders")) == 4
 
 
 def test_again_replaces_and_leaves_no_blocks(ready, house):
@@ -58,7 +58,7 @@ def test_again_replaces_and_leaves_no_blocks(ready, house):
 
 
 def test_comes_selected_and_framed_the_first_time(ready, house):
-    bpy.context.view_layer.objects.active = Tree.find(bpy.context.scene).root
+    bpy.context.view_layer.objects.active = ImportedScene.find(bpy.context.scene).root
     space = next(a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D")
     for first in (True, False):
         space.region_3d.view_location = (99, 99, 99)
@@ -88,7 +88,7 @@ def test_whole_import_is_one_undo_step(ready, house):
     async_import.begin(bpy.context.scene, house.job)
     pump()
     bpy.ops.ed.undo()
-    assert not meshes() and len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
+    assert not meshes() and len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12
 
 
 def test_objects_deleted_or_undone_while_it_arrives(ready, house):

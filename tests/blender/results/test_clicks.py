@@ -9,7 +9,7 @@ import bpy
 import pytest
 
 from mgf_blender.prompts import files
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 @pytest.fixture
@@ -38,4 +38,4 @@ def test_clicks_of_the_scene_stay(addon, job):
 def test_a_damaged_file_of_clicks_keeps_no_mesh_away(addon, job):
     (job / "prompts.json").write_text("{")
     assert bpy.ops.mgf.import_result(directory=str(job)) == {"FINISHED"}
-    assert Tree.find(bpy.context.scene).objects("Mesh") and not files.to_data(bpy.context.scene)
+    assert ImportedScene.find(bpy.context.scene).objects("Mesh") and not files.to_data(bpy.context.scene)

@@ -15,8 +15,8 @@ from mgf_blender.common.errors import UserError
 from mgf_blender.common.ply import read_ply
 from mgf_blender.results.load import import_result
 from mgf_blender.results.picture import render_picture
+from mgf_blender.scene_import.imported_scene import KIND_KEY, ROLE_KEY, ImportedScene
 from mgf_blender.scene_import.load import import_scene
-from mgf_blender.scene_import.tree import KIND_KEY, ROLE_KEY, Tree
 
 
 def vertices(obj: bpy.types.Object) -> np.ndarray:
@@ -26,24 +26,24 @@ def vertices(obj: bpy.types.Object) -> np.ndarray:
 
 
 def test_mesh_lies_in_the_scene(scene, house):
-    tree = import_scene(scene, house.folder).tree
-    result = import_result(scene, house.job, tree)
+    imported = import_scene(scene, house.folder).imported
+    result = import_result(scene, house.job, imported)
     truth, faces, rgb = synthetic.house_mesh()
     np.testing.assert_allclose(vertices(result.mesh), truth @ synthetic._turn(0.7, -0.4).T, atol=1e-5)
     assert len(result.mesh.data.polygons) == len(faces)
     color = np.empty(4 * len(truth), np.float32)
     result.mesh.data.attributes["Color"].data.foreach_get("color_srgb", color)
     assert np.abs(color.reshape(-1, 4)[:, :3] * 255 - rgb).max() < 0.51
-    assert result.mesh.parent == tree.root and result.mesh.name in tree.child("Mesh").objects
+    assert result.mesh.parent == imported.root and result.mesh.name in imported.child("Mesh").objects
     assert result.mesh.data.materials[0].name == "MGF Vertex Colors"
 
 
 def test_cameras_do_not_stand_before_the_mesh(scene, house):
-    tree = import_scene(scene, house.folder).tree
-    alone = {c.name: c.data.display_size for c in tree.objects("Cameras")}
+    imported = import_scene(scene, house.folder).imported
+    alone = {c.name: c.data.display_size for c in imported.objects("Cameras")}
     for _ in range(2):  # once, not again with each result
-        import_result(scene, house.job, tree)
-        for camera in tree.objects("Cameras"):
+        import_result(scene, house.job, imported)
+        for camera in imported.objects("Cameras"):
             assert camera.data.display_size == pytest.approx(alone[camera.name] / 3)
 
 
@@ -57,7 +57,7 @@ def test_a_job_of_portrait_photos_alone_stands_upright(addon, scene, house, orie
         to_world[:3, :3] = to_world[:3, :3] @ turn.T
         view.update(camera_to_world=to_world.tolist(), held=orientation)
     _edit(house.job, views=content["views"])
-    root = import_result(scene, house.job).tree.root
+    root = import_result(scene, house.job).imported.root
     for _ in range(2):
         bpy.context.view_layer.update()
         assert (np.array(root.matrix_world)[:3, :3] @ synthetic._turn(0.7, -0.4) @ (0, 0, 1))[2] > 0.999
@@ -108,7 +108,7 @@ def test_damaged_parts_change_nothing(scene, house, damage, words):
 
 def test_far_mesh_keeps_its_precision(scene, tmp_path):
     house = synthetic.write_house(tmp_path / "utm", shift=(389_123.25, 5_712_345.75, 120.0), tilt=False)
-    result = import_result(scene, house.job, import_scene(scene, house.folder).tree)
+    result = import_result(scene, house.job, import_scene(scene, house.folder).imported)
     truth, _, _ = synthetic.house_mesh()
     sides = np.ptp(vertices(result.mesh), axis=0)
     np.testing.assert_allclose(sides, np.ptp(truth, axis=0), atol=1e-4)
@@ -123,22 +123,22 @@ def test_edges_turn_sharp_and_faces_smooth(scene, house):
 
 def test_import_again_shows_the_new_renders(scene, house):
     result = import_result(scene, house.job)
-    image = result.tree.objects("Renders")[0].data
+    image = result.imported.objects("Renders")[0].data
     old = np.array(image.pixels[:3])  # Blender reads the file now
     width, height = image.size
     path = bpy.path.abspath(image.filepath)
     synthetic.write_png(Path(path), np.full((height, width, 3), (10, 200, 30), np.uint8))
-    again = import_result(scene, house.job, result.tree).tree.objects("Renders")
+    again = import_result(scene, house.job, result.imported).imported.objects("Renders")
     shown = next(o.data for o in again if bpy.path.abspath(o.data.filepath) == path)
     assert np.abs(np.array(shown.pixels[:3]) * 255 - (10, 200, 30)).max() < 2 < np.abs(old * 255 - (10, 200, 30)).max()
 
 
 def test_renders_fill_their_frustums(scene, house):
-    tree = import_scene(scene, house.folder).tree
-    result = import_result(scene, house.job, tree)
+    imported = import_scene(scene, house.folder).imported
+    result = import_result(scene, house.job, imported)
     assert result.renders == 4
     bpy.context.view_layer.update()
-    for obj in tree.objects("Renders"):
+    for obj in imported.objects("Renders"):
         camera = obj.parent
         kinds = [s.image["mgf_image"] for s in camera.data.background_images]
         assert kinds == ["photo", "render"]
@@ -156,39 +156,39 @@ def test_renders_fill_their_frustums(scene, house):
 
 def test_job_alone_makes_its_own_cameras(scene, house):
     result = import_result(scene, house.job)
-    assert len(result.tree.objects("Cameras")) == 12
+    assert len(result.imported.objects("Cameras")) == 12
     assert result.mesh is not None and scene.camera is not None
 
 
 def test_a_job_of_other_photos_gets_a_tree_of_its_own(scene, house, tmp_path):
-    tree = import_scene(scene, house.folder).tree
+    imported = import_scene(scene, house.folder).imported
     other = synthetic.write_house(tmp_path / "other")
     content = json.loads((other.job / "deliver.json").read_text())
     for view in content["views"]:
         view["name"] = "other/" + view["name"]
     (other.job / "deliver.json").write_text(json.dumps(content))
-    result = import_result(scene, other.job, tree)
-    assert result.tree.collection != tree.collection
-    assert len(tree.objects("Cameras")) == len(result.tree.objects("Cameras")) == 12
-    assert not tree.objects("Mesh") and len(result.tree.objects("Mesh")) == 1
+    result = import_result(scene, other.job, imported)
+    assert result.imported.collection != imported.collection
+    assert len(imported.objects("Cameras")) == len(result.imported.objects("Cameras")) == 12
+    assert not imported.objects("Mesh") and len(result.imported.objects("Mesh")) == 1
 
 
 def test_import_again_leaves_no_copies(scene, house):
-    tree = import_scene(scene, house.folder).tree
-    import_result(scene, house.job, tree)
+    imported = import_scene(scene, house.folder).imported
+    import_result(scene, house.job, imported)
     kinds = ("objects", "meshes", "images", "cameras", "materials", "node_groups", "collections")
     before = [len(getattr(bpy.data, k)) for k in kinds]
-    import_result(scene, house.job, tree)
+    import_result(scene, house.job, imported)
     assert before == [len(getattr(bpy.data, k)) for k in kinds]
 
 
 def test_picture_leaves_the_file_as_it_was(scene, house, tmp_path):
-    tree = import_scene(scene, house.folder).tree
-    import_result(scene, house.job, tree)
+    imported = import_scene(scene, house.folder).imported
+    import_result(scene, house.job, imported)
     kinds = ("objects", "meshes", "cameras", "lights", "worlds", "materials", "scenes")
     before = [sorted(b.name for b in getattr(bpy.data, k)) for k in kinds]
     camera, size = scene.camera, scene.render.resolution_x
-    render_picture(scene, tree, tmp_path / "p.png", (80, 50), samples=1)
+    render_picture(scene, imported, tmp_path / "p.png", (80, 50), samples=1)
     assert before == [sorted(b.name for b in getattr(bpy.data, k)) for k in kinds]
     assert scene.camera == camera and scene.render.resolution_x == size
     image = bpy.data.images.load(str(tmp_path / "p.png"))
@@ -211,12 +211,12 @@ def test_picture_leaves_the_file_as_it_was(scene, house, tmp_path):
     ],
 )
 def test_damaged_results_change_nothing(scene, house, damage, words):
-    tree = import_scene(scene, house.folder).tree
+    imported = import_scene(scene, house.folder).imported
     (house.folder / "secret.ply").write_text("ply")
     damage(house.job)
     before = sorted(o.name for o in bpy.data.objects)
     with pytest.raises(UserError, match=words):
-        import_result(scene, house.job, tree)
+        import_result(scene, house.job, imported)
     assert sorted(o.name for o in bpy.data.objects) == before
 
 
@@ -229,10 +229,10 @@ def test_each_job_goes_to_the_cameras_of_its_photos(addon, scene, house, tmp_pat
     _edit(other.job, views=[{**view, "name": "other/" + view["name"]} for view in content["views"]])
     for job, root in ((other.job, None), (house.job, mine), (other.job, None), (house.job, mine)):
         bpy.ops.mgf.import_result(directory=str(job))
-        tree = Tree.find(scene)
-        assert (tree.root == mine) == (root == mine), "the panel shows another scene than the one that was imported"
-        assert scene.camera in tree.objects("Cameras"), "Photo, Render and Error would show a photo of the other scene"
-        assert len(tree.objects("Mesh")) == 1
+        imported = ImportedScene.find(scene)
+        assert (imported.root == mine) == (root == mine), "the panel shows another scene than the one that was imported"
+        assert scene.camera in imported.objects("Cameras"), "Photo, Render and Error would show the other scene"
+        assert len(imported.objects("Mesh")) == 1
     assert sum(o.get(ROLE_KEY) == "root" for o in bpy.data.objects) == 2
     assert sum(o.get(KIND_KEY) == "Mesh" for o in bpy.data.objects) == 2
 

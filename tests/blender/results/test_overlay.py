@@ -44,11 +44,11 @@ def true_silhouette(pose: tuple) -> np.ndarray:
 
 
 def test_render_overlays_the_photo_for_every_kind_of_camera(scene, house, tool):
-    tree = import_scene(scene, house.folder).tree
-    import_result(scene, house.job, tree)
-    for camera in tree.objects("Cameras")[:6]:  # one of each kind
+    imported = import_scene(scene, house.folder).imported
+    import_result(scene, house.job, imported)
+    for camera in imported.objects("Cameras")[:6]:  # one of each kind
         truth = true_silhouette(house.poses[camera[PHOTO_KEY]])
-        render = tool.silhouette(scene, tree, camera)
+        render = tool.silhouette(scene, imported, camera)
         distances = tool.outline_distances(truth, render)
         assert truth.sum() > 500 and len(distances) > 20
         assert np.median(distances) == 0 and distances.max() <= 1.5, camera[PHOTO_KEY]

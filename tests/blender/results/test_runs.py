@@ -18,7 +18,7 @@ from layouts import draw
 from mgf_blender.common.textures import texture_of
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.results.runs import old_runs
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 _UNDO = """
 import os, sys
@@ -27,7 +27,7 @@ sys.path[:0] = [*sys.argv[1:3], sys.argv[2] + "/results"]
 import bpy, synthetic
 import mgf_blender
 from mgf_blender.common.textures import texture_of
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 from test_runs import add_run
 house = synthetic.write_house(Path(sys.argv[3]) / "house")
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -36,7 +36,7 @@ mgf_blender.register()
 bpy.ops.ed.undo_push(message="start")
 
 def shown():
-    (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
+    (obj,) = ImportedScene.find(bpy.context.scene).objects("Mesh")
     image = texture_of(obj.data.materials[0])
     return len(obj.data.polygons), tuple(image.size), round(image.pixels[0], 1)
 
@@ -79,7 +79,7 @@ def add_run(job: Path, number: int, red: int = 0, side: int = 16, fewer: int = 0
 
 
 def texture() -> bpy.types.Image:
-    (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
+    (obj,) = ImportedScene.find(bpy.context.scene).objects("Mesh")
     return texture_of(obj.data.materials[0])
 
 
@@ -93,11 +93,11 @@ def test_what_the_user_changed_in_a_material_stays_with_the_next_run(addon, hous
     addon.job_folder = str(house.job)
     add_run(house.job, 1)
     bpy.ops.mgf.import_result()
-    (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
+    (obj,) = ImportedScene.find(bpy.context.scene).objects("Mesh")
     obj.data.materials[0].name = "Mine"
     second = add_run(house.job, 2)
     bpy.ops.mgf.import_result()
-    (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
+    (obj,) = ImportedScene.find(bpy.context.scene).objects("Mesh")
     assert [m.name for m in obj.data.materials] == ["Mine"]
     assert Path(bpy.path.abspath(texture().filepath)) == second / "texture.jpg"
 

@@ -21,7 +21,7 @@ from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.results.picture import render_picture
 from mgf_blender.results.surface import available, shown
 from mgf_blender.results.texture import read_uv
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 FACES = len(synthetic.house_mesh()[1])
 GREEN, BLUE = (20, 200, 40), (20, 40, 220)
@@ -76,7 +76,7 @@ def textured(scene, house):
 def panel(addon, textured):
     addon.job_folder = str(textured.job)
     bpy.ops.mgf.import_result()
-    return Tree.find(bpy.context.scene).objects("Mesh")[0].data
+    return ImportedScene.find(bpy.context.scene).objects("Mesh")[0].data
 
 
 def uv_of(mesh) -> np.ndarray:
@@ -173,7 +173,7 @@ def test_undo_keeps_panel_and_viewport_in_agreement(panel):
     assert drawn_in() == {"VERTEX"}
     for turn, kind, drawn in ((bpy.ops.ed.undo, "TEXTURE", "TEXTURE"), (bpy.ops.ed.redo, "COLOR", "VERTEX")):
         turn()
-        (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
+        (obj,) = ImportedScene.find(bpy.context.scene).objects("Mesh")
         assert shown(obj.data) == kind and drawn_in() == {drawn}
 
 
@@ -204,7 +204,7 @@ def test_import_again_reads_the_new_picture(scene, textured):
     material.name = "Mine"
     show_texture(material, False)
     write_picture(textured.job / "texture.jpg", top=(200, 200, 0), side=32)
-    mesh = import_result(scene, textured.job, result.tree).mesh.data
+    mesh = import_result(scene, textured.job, result.imported).mesh.data
     image = texture_of(mesh.materials[0])
     assert tuple(image.size) == (32, 32) and np.array(image.pixels[-4:-1])[2] < 0.1
     assert mesh.materials[0].name == "Mine" and shown(mesh) == "TEXTURE"  # what the user changed stays
@@ -212,16 +212,16 @@ def test_import_again_reads_the_new_picture(scene, textured):
 
 
 def test_another_job_in_its_place_leaves_no_orphans(scene, textured, tmp_path):
-    tree = import_result(scene, textured.job).tree
+    imported = import_result(scene, textured.job).imported
     other = synthetic.write_house(tmp_path / "other")
     write_texture(other.job)
     write_parts(other.job)
-    mesh = import_result(scene, other.job, tree).mesh.data
+    mesh = import_result(scene, other.job, imported).mesh.data
     assert len(textures()) == 1 and len(mesh.materials) == 3
     path = bpy.path.abspath(texture_of(mesh.materials[0]).filepath)
     assert path == str(other.job / "texture.jpg")
     edit(other.job, texture=None, texture_uv=None)
-    import_result(scene, other.job, tree)
+    import_result(scene, other.job, imported)
     assert not textures() and not [m for m in bpy.data.materials if "mgf_texture" in m]
     assert drawn_in() == {"VERTEX"}
 
@@ -258,7 +258,7 @@ def test_arrives_in_short_steps_like_an_import_in_one_go(addon, textured):
     while async_import.pump() and time.monotonic() < end:
         time.sleep(0.002)
     assert not import_status.problem(bpy.context.scene)
-    (obj,) = Tree.find(bpy.context.scene).objects("Mesh")
+    (obj,) = ImportedScene.find(bpy.context.scene).objects("Mesh")
     np.testing.assert_array_equal(uv_of(obj.data), height_uv())
     assert shown(obj.data) == "TEXTURE" and drawn_in() == {"TEXTURE"}
 
@@ -302,10 +302,10 @@ def test_the_rendered_picture_shows_it_upright(scene, house, tmp_path, parts):
     write_texture(house.job)
     if parts:
         write_parts(house.job)
-    tree = import_result(scene, house.job).tree
+    imported = import_result(scene, house.job).imported
     kinds = ("objects", "meshes", "materials", "scenes")
     before = [sorted(b.name for b in getattr(bpy.data, k)) for k in kinds]
-    render_picture(scene, tree, tmp_path / "p.png", (80, 50), samples=1)
+    render_picture(scene, imported, tmp_path / "p.png", (80, 50), samples=1)
     assert before == [sorted(b.name for b in getattr(bpy.data, k)) for k in kinds] and len(textures()) == 1
     image = bpy.data.images.load(str(tmp_path / "p.png"))
     pixels = np.array(image.pixels[:]).reshape(50, 80, 4)[:, 30:50, :3]

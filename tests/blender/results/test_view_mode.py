@@ -16,17 +16,17 @@ from layouts import draw
 from mgf_blender.common.ply import read_ply
 from mgf_blender.results import view_mode
 from mgf_blender.results.panel import MGF_PT_results
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 @pytest.fixture
-def tree(addon, house):
+def imported(addon, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     addon.job_folder = str(house.job)
     bpy.ops.mgf.import_result()
-    tree = Tree.find(bpy.context.scene)
-    bpy.context.scene.camera = tree.objects("Renders")[0].parent
-    return tree
+    imported = ImportedScene.find(bpy.context.scene)
+    bpy.context.scene.camera = imported.objects("Renders")[0].parent
+    return imported
 
 
 def shown() -> list[str]:
@@ -34,16 +34,16 @@ def shown() -> list[str]:
     return [s.image["mgf_image"] for s in slots if s.show_background_image]
 
 
-def test_switch_shows_one_at_a_time(tree):
+def test_switch_shows_one_at_a_time(imported):
     region = next(a.spaces.active for a in bpy.context.window.screen.areas if a.type == "VIEW_3D").region_3d
     for kind in ("RENDER", "PHOTO", "ERROR"):
         region.view_perspective = "PERSP"
         bpy.ops.mgf.show_in_camera(kind=kind)
         assert shown() == [kind.lower()] and depths() == {"FRONT"}
-        assert tree.objects("Mesh")[0].hide_get() and region.view_perspective == "CAMERA"
+        assert imported.objects("Mesh")[0].hide_get() and region.view_perspective == "CAMERA"
     region.view_perspective = "PERSP"
     bpy.ops.mgf.show_in_camera(kind="MESH")
-    assert shown() == ["photo"] and depths() == {"BACK"} and not tree.objects("Mesh")[0].hide_get()
+    assert shown() == ["photo"] and depths() == {"BACK"} and not imported.objects("Mesh")[0].hide_get()
     assert region.view_perspective == "PERSP"
 
 
@@ -51,34 +51,34 @@ def depths() -> set[str]:
     return {s.display_depth for s in bpy.context.scene.camera.data.background_images if s.show_background_image}
 
 
-def standing(tree) -> set[str]:
+def standing(imported) -> set[str]:
     """Names of the cameras in whose frustum a render can be seen."""
-    return {o.parent.name for o in tree.objects("Renders") if not o.hide_get()}
+    return {o.parent.name for o in imported.objects("Renders") if not o.hide_get()}
 
 
-def test_the_render_in_the_frustum_does_not_cover_what_its_own_camera_shows(tree):
-    first, second = tree.objects("Renders")[0].parent, tree.objects("Renders")[1].parent
+def test_the_render_in_the_frustum_does_not_cover_what_its_own_camera_shows(imported):
+    first, second = imported.objects("Renders")[0].parent, imported.objects("Renders")[1].parent
     for kind in ("MESH", "PHOTO", "ERROR"):
         bpy.ops.mgf.show_in_camera(kind=kind)
-        assert first.name not in standing(tree) and second.name in standing(tree)
+        assert first.name not in standing(imported) and second.name in standing(imported)
     bpy.context.scene.camera = second
     bpy.context.view_layer.update()  # as after choosing a camera by hand
-    assert second.name not in standing(tree) and first.name in standing(tree)
+    assert second.name not in standing(imported) and first.name in standing(imported)
     bpy.ops.mgf.import_result()
-    assert second.name not in standing(tree) and len(standing(tree)) == 3
+    assert second.name not in standing(imported) and len(standing(imported)) == 3
 
 
-def test_next_cameras_go_on_with_what_was_chosen(tree):
+def test_next_cameras_go_on_with_what_was_chosen(imported):
     bpy.ops.mgf.show_in_camera(kind="ERROR")
     seen = []
     for _ in range(12):
         bpy.ops.mgf.look_through(step=1)
         seen.append(shown()[0])
-        assert tree.objects("Mesh")[0].hide_get()
+        assert imported.objects("Mesh")[0].hide_get()
     assert seen.count("error") == 4 and seen.count("photo") == 8
 
 
-def test_a_view_that_left_the_camera_says_where_the_mesh_is(tree):
+def test_a_view_that_left_the_camera_says_where_the_mesh_is(imported):
     def said(perspective: str) -> str:
         space = SimpleNamespace(region_3d=SimpleNamespace(view_perspective=perspective))
         context = SimpleNamespace(scene=bpy.context.scene, space_data=space, region_data=None)  # as in a sidebar
@@ -90,22 +90,22 @@ def test_a_view_that_left_the_camera_says_where_the_mesh_is(tree):
     assert "hidden" not in said("PERSP")
 
 
-def test_objects_outside_the_view_layer_do_not_stop_the_switch(tree):
-    layer = bpy.context.view_layer.layer_collection.children[tree.collection.name]
-    layer.children[tree.child("Mesh").name].exclude = True
+def test_objects_outside_the_view_layer_do_not_stop_the_switch(imported):
+    layer = bpy.context.view_layer.layer_collection.children[imported.collection.name]
+    layer.children[imported.child("Mesh").name].exclude = True
     bpy.ops.mgf.show_in_camera(kind="RENDER")
     assert shown() == ["render"]
 
 
-def test_a_camera_without_render_says_so(tree):
-    bare = next(o for o in tree.objects("Cameras") if len(o.data.background_images) == 1)
+def test_a_camera_without_render_says_so(imported):
+    bare = next(o for o in imported.objects("Cameras") if len(o.data.background_images) == 1)
     bpy.context.scene.camera = bare
     for kind in ("RENDER", "ERROR"):
         with pytest.raises(RuntimeError, match="has no render"):
             bpy.ops.mgf.show_in_camera(kind=kind)
 
 
-def test_error_map_measures_the_difference(tree):
+def test_error_map_measures_the_difference(imported):
     camera = bpy.context.scene.camera
     image = view_mode.make_error_map(camera)
     width, height = image.size
@@ -121,7 +121,7 @@ def brightness(image: bpy.types.Image) -> float:
     return float(np.array(image.pixels[:]).reshape(-1, 4)[:, :3].mean())
 
 
-def test_error_map_is_made_again_when_the_render_changed(tree, house):
+def test_error_map_is_made_again_when_the_render_changed(imported, house):
     """After another run the renders have the same names; what the run before differed by is no measure of this one."""
     camera = bpy.context.scene.camera
     bpy.ops.mgf.show_in_camera(kind="ERROR")
@@ -144,7 +144,7 @@ def test_error_map_is_made_again_when_the_render_changed(tree, house):
     assert shown() == ["error"]
 
 
-def test_a_new_result_leaves_no_picture_of_the_old_one(tree, house):
+def test_a_new_result_leaves_no_picture_of_the_old_one(imported, house):
     content = json.loads((house.job / "deliver.json").read_text())
     for view in content["views"]:
         view["render"] = None
@@ -152,7 +152,7 @@ def test_a_new_result_leaves_no_picture_of_the_old_one(tree, house):
     bpy.ops.mgf.show_in_camera(kind="ERROR")
     bpy.ops.mgf.import_result()
     assert view_mode.available(bpy.context.scene.camera) == {"MESH", "PHOTO"} and shown() == ["photo"]
-    assert not tree.objects("Mesh")[0].hide_get() and "mgf_shown" not in bpy.context.scene.camera
+    assert not imported.objects("Mesh")[0].hide_get() and "mgf_shown" not in bpy.context.scene.camera
 
 
 def test_box_filter_keeps_the_mean():
@@ -163,7 +163,7 @@ def test_box_filter_keeps_the_mean():
     np.testing.assert_allclose(small.mean(), pixels.mean(), atol=1e-6)
 
 
-def test_field_comes_as_colored_points(tree, house):
+def test_field_comes_as_colored_points(imported, house):
     names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
     rows = np.random.default_rng(2).normal(size=(50, len(names))).astype("<f4")
     head = "ply\nformat binary_little_endian 1.0\nelement vertex 50\n" + "".join(f"property float {n}\n" for n in names)
@@ -172,8 +172,8 @@ def test_field_comes_as_colored_points(tree, house):
     (house.job / "deliver.json").write_text(json.dumps({**content, "field": "field.ply"}))
     for _ in range(2):
         bpy.ops.mgf.import_field()
-    found = [o for o in tree.objects("Points") if o.get("mgf_field")]
-    assert len(found) == 1 and len(tree.objects("Points")) == 2
+    found = [o for o in imported.objects("Points") if o.get("mgf_field")]
+    assert len(found) == 1 and len(imported.objects("Points")) == 2
     opacity = np.empty(50, np.float32)
     found[0].data.attributes["opacity"].data.foreach_get("value", opacity)
     np.testing.assert_allclose(opacity, 1 / (1 + np.exp(-rows[:, 6])), atol=1e-5)
@@ -194,23 +194,23 @@ def test_a_field_in_map_coordinates_keeps_its_precision(addon, tmp_path):
     content = json.loads((house.job / "deliver.json").read_text())
     (house.job / "deliver.json").write_text(json.dumps({**content, "field": "field.ply"}))
     bpy.ops.mgf.import_field()
-    tree = Tree.find(bpy.context.scene)
-    (found,) = [o for o in tree.objects("Points") if o.get("mgf_field")]
+    imported = ImportedScene.find(bpy.context.scene)
+    (found,) = [o for o in imported.objects("Points") if o.get("mgf_field")]
     points = np.empty(150, np.float32)
     found.data.vertices.foreach_get("co", points)
-    expected = rows[:, :3] + np.array([389_123.0, 5_712_346, 120]) - tree.offset
+    expected = rows[:, :3] + np.array([389_123.0, 5_712_346, 120]) - imported.offset
     np.testing.assert_allclose(points.reshape(-1, 3), expected, atol=1e-5)
     bpy.ops.mgf.export_field(filepath=str(tmp_path / "saved.ply"))
     saved = read_ply(tmp_path / "saved.ply")
-    np.testing.assert_allclose(saved.positions - tree.offset, expected, atol=1e-6)
+    np.testing.assert_allclose(saved.positions - imported.offset, expected, atol=1e-6)
 
 
 def test_undistorted_view_replaces_the_distorted_camera(addon, tmp_path, monkeypatch):
     monkeypatch.setitem(synthetic.CAMERAS, 4, ("SIMPLE_RADIAL", 800, 600, (700.0, 410.0, 290.0, 0.1)))
     house = synthetic.write_house(tmp_path / "house")
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    tree = Tree.find(bpy.context.scene)
-    assert sum(bool(o["mgf_distorted"]) for o in tree.objects("Cameras")) == 2
+    imported = ImportedScene.find(bpy.context.scene)
+    assert sum(bool(o["mgf_distorted"]) for o in imported.objects("Cameras")) == 2
     bpy.ops.mgf.import_result(directory=str(house.job))
-    assert len(tree.objects("Cameras")) == 12 and not any(o["mgf_distorted"] for o in tree.objects("Cameras"))
+    assert len(imported.objects("Cameras")) == 12 and not any(o["mgf_distorted"] for o in imported.objects("Cameras"))
     assert Path(addon.job_folder) == house.job

@@ -28,10 +28,10 @@ SETS = ("south-building", "model-house", "strecha-herzjesu-p25", "strecha-founta
 
 def worst_error(scene: bpy.types.Scene, folder: Path, every: int = 1) -> float:
     """Largest distance in pixels between Blender's and COLMAP's projection, over all cameras."""
-    imported = import_scene(scene, folder)
+    done = import_scene(scene, folder)
     model = read_model(find_model(folder))
-    cameras = {o[PHOTO_KEY]: o for o in imported.tree.objects("Cameras")}
-    points = imported.tree.objects("Points")[0]
+    cameras = {o[PHOTO_KEY]: o for o in done.imported.objects("Cameras")}
+    points = done.imported.objects("Points")[0]
     bpy.context.view_layer.update()
     local = np.empty(3 * len(points.data.vertices), np.float32)
     points.data.vertices.foreach_get("co", local)
@@ -70,9 +70,9 @@ def test_real_sets_are_exact(scene, name):
 
 
 def test_upright_scene_stands_on_the_ground(scene, house):
-    imported = import_scene(scene, house.folder)
+    done = import_scene(scene, house.folder)
     bpy.context.view_layer.update()
-    root = imported.tree.root
+    root = done.imported.root
     up = np.array(root.matrix_world)[:3, :3] @ synthetic._turn(0.7, -0.4) @ (0, 0, 1)
     assert up[2] > np.cos(np.radians(1.0))
 
@@ -113,7 +113,7 @@ def test_photos_of_a_turned_camera_stand_upright(addon, scene, tmp_path, orienta
         _, width, height, _ = synthetic.CAMERAS[camera]
         (house.folder / "images" / name).with_suffix(".jpg").write_bytes(jpeg(orientation, width, height))
     synthetic.write_binary(house.model, poses, house.xyz, house.rgb)
-    root = import_scene(scene, house.folder).tree.root
+    root = import_scene(scene, house.folder).imported.root
     for _ in range(2):
         bpy.context.view_layer.update()
         assert (np.array(root.matrix_world)[:3, :3] @ synthetic._turn(0.7, -0.4) @ (0, 0, 1))[2] > 0.999
@@ -122,20 +122,20 @@ def test_photos_of_a_turned_camera_stand_upright(addon, scene, tmp_path, orienta
 
 
 def test_keeps_axes_when_asked(scene, house):
-    imported = import_scene(scene, house.folder, upright=False)
-    assert np.allclose(imported.tree.root.matrix_basis, np.eye(4))
+    done = import_scene(scene, house.folder, upright=False)
+    assert np.allclose(done.imported.root.matrix_basis, np.eye(4))
 
 
 def test_photos_stand_behind_their_cameras(scene, house):
-    imported = import_scene(scene, house.folder)
-    for obj in imported.tree.objects("Cameras"):
+    done = import_scene(scene, house.folder)
+    for obj in done.imported.objects("Cameras"):
         slot = obj.data.background_images[0]
         assert Path(slot.image.filepath_from_user()).is_file()
         assert tuple(slot.image.size) == tuple(obj["mgf_size"])
 
 
 def test_points_carry_color_and_track_length(scene, house):
-    mesh = import_scene(scene, house.folder).tree.objects("Points")[0].data
+    mesh = import_scene(scene, house.folder).imported.objects("Points")[0].data
     n = len(mesh.vertices)
     color = np.empty(4 * n, np.float32)
     mesh.attributes["Color"].data.foreach_get("color_srgb", color)
@@ -146,12 +146,12 @@ def test_points_carry_color_and_track_length(scene, house):
 
 
 def test_import_again_replaces_only_its_own(scene, house):
-    tree = import_scene(scene, house.folder).tree
+    imported = import_scene(scene, house.folder).imported
     mine = bpy.data.objects.new("Mine", None)
-    tree.child("Cameras").objects.link(mine)
-    tree.root.scale = (2, 2, 2)
+    imported.child("Cameras").objects.link(mine)
+    imported.root.scale = (2, 2, 2)
     before = len(bpy.data.cameras), len(bpy.data.meshes), len(bpy.data.images), len(bpy.data.node_groups)
-    again = import_scene(scene, house.folder, tree=tree)
-    assert again.tree.root.scale[0] == 2
-    assert mine.name in tree.child("Cameras").objects
+    again = import_scene(scene, house.folder, imported=imported)
+    assert again.imported.root.scale[0] == 2
+    assert mine.name in imported.child("Cameras").objects
     assert before == (len(bpy.data.cameras), len(bpy.data.meshes), len(bpy.data.images), len(bpy.data.node_groups))

@@ -12,8 +12,8 @@ from support.model_places import SEVERAL, write_project
 
 from mgf_blender.common.errors import UserError
 from mgf_blender.scene_import.colmap import make_camera, quaternion_to_matrix, read_model
+from mgf_blender.scene_import.imported_scene import ImportedScene
 from mgf_blender.scene_import.locate import find_model, find_photo, find_photo_folder, plain_name
-from mgf_blender.scene_import.tree import Tree
 
 
 def assert_sentence(error: UserError) -> None:
@@ -145,7 +145,7 @@ def test_photo_names_that_are_not_utf8(addon, tmp_path, text):
     (house.folder / "images" / old).rename(house.folder / "images" / new)
     assert new in [p.name for p in read_model(house.model).photos]
     assert bpy.ops.mgf.import_colmap(filepath=str(house.folder)) == {"FINISHED"}
-    cameras = {o.get("mgf_photo"): o for o in Tree.find(bpy.context.scene).objects("Cameras")}
+    cameras = {o.get("mgf_photo"): o for o in ImportedScene.find(bpy.context.scene).objects("Cameras")}
     assert len(cameras) == 12 and cameras[new].data.background_images[0].image.size[0] > 0
 
 

@@ -17,14 +17,14 @@ from mgf_blender.common.views import side_of_cameras
 from mgf_blender.scene_import import placement
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.crop import crop_text, find_crop_box
-from mgf_blender.scene_import.framing import frame_tree
-from mgf_blender.scene_import.tree import Tree
+from mgf_blender.scene_import.framing import frame_imported
+from mgf_blender.scene_import.imported_scene import ImportedScene
 
 
 @pytest.fixture
-def tree(addon, house):
+def imported(addon, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    return Tree.find(bpy.context.scene)
+    return ImportedScene.find(bpy.context.scene)
 
 
 def render_size() -> tuple:
@@ -57,7 +57,7 @@ def test_what_is_linked_from_another_file_is_neither_replaced_nor_added_to(addon
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     bpy.ops.mgf.import_result(directory=str(house.job))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "häuser.blend"))
-    name = Tree.find(bpy.context.scene).collection.name
+    name = ImportedScene.find(bpy.context.scene).collection.name
     bpy.ops.wm.read_homefile(use_empty=True)
     with bpy.data.libraries.load(str(tmp_path / "häuser.blend"), link=True) as (_, wanted):
         wanted.collections = [name]
@@ -67,13 +67,13 @@ def test_what_is_linked_from_another_file_is_neither_replaced_nor_added_to(addon
         linked = linked.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
     bpy.context.scene.camera = next(o for o in linked.all_objects if o.type == "CAMERA")
     before = {o.name_full for o in linked.all_objects}
-    assert Tree.find(bpy.context.scene) is None and not bpy.ops.mgf.add_crop_box.poll()
+    assert ImportedScene.find(bpy.context.scene) is None and not bpy.ops.mgf.add_crop_box.poll()
     bpy.ops.mgf.import_result(directory=str(house.job))
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     bpy.ops.mgf.import_result(directory=str(house.job))
     bpy.ops.mgf.add_crop_box()
-    trees = Tree.find_all(bpy.context.scene)
-    assert len(trees) == 1 and all(o.library is None for o in trees[0].collection.all_objects)
+    all_imported = ImportedScene.find_all(bpy.context.scene)
+    assert len(all_imported) == 1 and all(o.library is None for o in all_imported[0].collection.all_objects)
     assert {o.name_full for o in linked.all_objects} == before
 
 
@@ -89,17 +89,17 @@ def test_a_scene_that_is_linked_is_refused_in_a_sentence(addon, house, tmp_path)
 
 def test_another_scene_in_place_of_an_earlier_one_has_its_own_name_and_pose(addon, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    tree = Tree.find(bpy.context.scene)
-    pose = tree.root.matrix_world.copy()
-    tree.collection.name = "My house"  # the user's own name and pose stay when the same scene is imported again
-    tree.root.location.x += 5
+    imported = ImportedScene.find(bpy.context.scene)
+    pose = imported.root.matrix_world.copy()
+    imported.collection.name = "My house"  # the user's own name and pose stay when the same scene is imported again
+    imported.root.location.x += 5
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    assert tree.collection.name == "My house" and tree.root.matrix_world != pose
-    for camera in tree.objects("Cameras"):
+    assert imported.collection.name == "My house" and imported.root.matrix_world != pose
+    for camera in imported.objects("Cameras"):
         camera[PHOTO_KEY] = f"of another scene {camera[PHOTO_KEY]}"
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    assert tree.collection.name == house.folder.name and tree.root.name == f"{house.folder.name} Origin"
-    assert np.allclose(tree.root.matrix_world, pose, atol=1e-6)
+    assert imported.collection.name == house.folder.name and imported.root.name == f"{house.folder.name} Origin"
+    assert np.allclose(imported.root.matrix_world, pose, atol=1e-6)
 
 
 def test_no_path_is_no_model(addon):
@@ -125,10 +125,10 @@ def test_missing_photos_are_counted(addon, house, capfd):
         path.unlink()
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     assert "5 of 12 photos were not found" in "".join(capfd.readouterr())
-    assert len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
+    assert len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12
 
 
-def test_render_takes_the_size_of_each_camera(tree, house):
+def test_render_takes_the_size_of_each_camera(imported, house):
     seen = set()
     for _ in range(12):
         bpy.ops.mgf.look_through(step=1)
@@ -139,19 +139,19 @@ def test_render_takes_the_size_of_each_camera(tree, house):
     assert seen == set(house.poses)
 
 
-def test_render_follows_when_the_camera_changes_by_other_means(tree):
-    other = next(o for o in tree.objects("Cameras") if tuple(o["mgf_size"]) == (400, 900))
+def test_render_follows_when_the_camera_changes_by_other_means(imported):
+    other = next(o for o in imported.objects("Cameras") if tuple(o["mgf_size"]) == (400, 900))
     bpy.context.scene.camera = other
     bpy.context.view_layer.update()
     assert render_size()[:2] == (400, 900)
     bpy.context.scene.mgf.fit_render = False
-    bpy.context.scene.camera = next(o for o in tree.objects("Cameras") if tuple(o["mgf_size"]) == (640, 480))
+    bpy.context.scene.camera = next(o for o in imported.objects("Cameras") if tuple(o["mgf_size"]) == (640, 480))
     bpy.context.view_layer.update()
     assert render_size()[:2] == (400, 900)
 
 
-def test_scale_by_two_points(tree):
-    cameras = tree.objects("Cameras")[:2]
+def test_scale_by_two_points(imported):
+    cameras = imported.objects("Cameras")[:2]
     bpy.context.view_layer.update()
     for obj in bpy.context.view_layer.objects:
         obj.select_set(obj in cameras)
@@ -167,7 +167,7 @@ def test_scale_by_two_points(tree):
         bpy.ops.mgf.set_scale(distance=1.0)
 
 
-def test_scale_in_edit_mode_is_one_undo_step(tree, capfd):
+def test_scale_in_edit_mode_is_one_undo_step(imported, capfd):
     mesh = bpy.data.meshes.new("rod")
     mesh.from_pydata([(0, 0, 0), (0, 0, 2.5), (9, 9, 9)], [(0, 1)], [])
     rod = bpy.data.objects.new("rod", mesh)
@@ -183,18 +183,18 @@ def test_scale_in_edit_mode_is_one_undo_step(tree, capfd):
         vertex.select = chosen
     bpy.ops.object.mode_set("EXEC_DEFAULT", True, mode="EDIT")
     bpy.ops.ed.undo_push(message="two vertices")
-    before = Tree.find(bpy.context.scene).root.matrix_basis.median_scale
+    before = ImportedScene.find(bpy.context.scene).root.matrix_basis.median_scale
     bpy.ops.mgf.set_scale("EXEC_DEFAULT", True, distance=5.0)
     assert "2.5 measured, scaled by 2" in capfd.readouterr().out and bpy.context.mode == "OBJECT"
-    assert Tree.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(2 * before)
+    assert ImportedScene.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(2 * before)
     bpy.ops.ed.undo()
-    assert Tree.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(before)
+    assert ImportedScene.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(before)
     bpy.ops.ed.redo()
-    assert Tree.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(2 * before)
+    assert ImportedScene.find(bpy.context.scene).root.matrix_basis.median_scale == pytest.approx(2 * before)
 
 
-def test_up_axis_by_hand_and_back(tree):
-    root = tree.root
+def test_up_axis_by_hand_and_back(imported):
+    root = imported.root
     upright = np.array(root.matrix_basis)[:3, :3]
     bpy.ops.mgf.set_up_axis(axis="NEG_Y")
     assert (root.matrix_basis.to_3x3() @ Vector((0, -1, 0)) - Vector((0, 0, 1))).length < 1e-5
@@ -206,43 +206,43 @@ def crop_matrix(text: str) -> np.ndarray:
     return np.array([float(v) for v in text.split()]).reshape(4, 4)
 
 
-def test_crop_box_stands_around_the_points_in_scene_coordinates(tree, house):
-    assert crop_text(tree) == ""
+def test_crop_box_stands_around_the_points_in_scene_coordinates(imported, house):
+    assert crop_text(imported) == ""
     bpy.ops.mgf.add_crop_box()
     bpy.context.view_layer.update()
-    box = find_crop_box(tree)
-    assert box.parent == tree.root and bpy.context.view_layer.objects.active == box
-    to_cube = np.linalg.inv(crop_matrix(crop_text(tree)))
+    box = find_crop_box(imported)
+    assert box.parent == imported.root and bpy.context.view_layer.objects.active == box
+    to_cube = np.linalg.inv(crop_matrix(crop_text(imported)))
     local = house.xyz @ to_cube[:3, :3].T + to_cube[:3, 3]
     assert 0.85 < (np.abs(local) <= 1).all(axis=1).mean() <= 1
     # Level with the world: its matrix there is diagonal.
     world = np.array(box.matrix_world)[:3, :3]
     np.testing.assert_allclose(world, np.diag(np.diag(world)), atol=1e-5)
     # What is done to it in the viewport arrives, whatever scale and place the whole scene was given.
-    before = crop_matrix(crop_text(tree))
-    tree.root.matrix_basis = Matrix.Translation((5, 6, 7)) @ Matrix.Scale(3, 4) @ tree.root.matrix_basis
+    before = crop_matrix(crop_text(imported))
+    imported.root.matrix_basis = Matrix.Translation((5, 6, 7)) @ Matrix.Scale(3, 4) @ imported.root.matrix_basis
     bpy.context.view_layer.update()
-    np.testing.assert_allclose(crop_matrix(crop_text(tree)), before, atol=1e-4)
+    np.testing.assert_allclose(crop_matrix(crop_text(imported)), before, atol=1e-4)
     box.scale.x *= 0.5
     bpy.context.view_layer.update()
-    half = crop_matrix(crop_text(tree))
+    half = crop_matrix(crop_text(imported))
     assert np.linalg.norm(half[:3, 0]) == pytest.approx(np.linalg.norm(before[:3, 0]) / 2, rel=1e-4)
     bpy.ops.mgf.add_crop_box()  # fits it anew instead of making another
     assert sum(o.get("mgf_role") == "crop" for o in bpy.data.objects) == 1
     bpy.ops.mgf.reload_scene()
-    assert find_crop_box(Tree.find(bpy.context.scene)) is not None
+    assert find_crop_box(ImportedScene.find(bpy.context.scene)) is not None
     bpy.ops.mgf.remove_crop_box()
-    assert crop_text(tree) == ""
+    assert crop_text(imported) == ""
     with pytest.raises(RuntimeError, match="There is no crop box"):
         bpy.ops.mgf.select_crop_box()
 
 
-def test_a_scene_that_was_scaled_to_nothing_gets_no_box(tree):
-    tree.root.scale = 0, 0, 0
+def test_a_scene_that_was_scaled_to_nothing_gets_no_box(imported):
+    imported.root.scale = 0, 0, 0
     for operator in (bpy.ops.mgf.add_crop_box, bpy.ops.mgf.add_section):
         with pytest.raises(RuntimeError, match="is scaled to zero"):
             operator()
-    assert find_crop_box(tree) is None and "Section" not in bpy.data.objects
+    assert find_crop_box(imported) is None and "Section" not in bpy.data.objects
 
 
 def test_crop_box_of_a_far_scene(addon, tmp_path):
@@ -251,16 +251,16 @@ def test_crop_box_of_a_far_scene(addon, tmp_path):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     bpy.ops.mgf.add_crop_box()
     bpy.context.view_layer.update()
-    matrix = crop_matrix(crop_text(Tree.find(bpy.context.scene)))
+    matrix = crop_matrix(crop_text(ImportedScene.find(bpy.context.scene)))
     assert np.linalg.norm(matrix[:3, 3] - house.xyz.mean(axis=0)) < 1.0
 
 
-def test_import_frames_the_viewports(tree):
+def test_import_frames_the_viewports(imported):
     spaces = [a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D"]
     if not spaces:
         pytest.skip("this file has no viewport")
     for space in spaces:
-        assert space.region_3d.view_distance == pytest.approx(2.6 * tree.radius, rel=1e-4)
+        assert space.region_3d.view_distance == pytest.approx(2.6 * imported.radius, rel=1e-4)
         assert not space.overlay.show_relationship_lines and space.shading.color_type == "VERTEX"
 
 
@@ -274,10 +274,10 @@ def test_a_facade_is_seen_from_where_it_was_photographed():
 
 def test_the_viewports_look_from_the_cameras_side(addon, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    tree = Tree.find(bpy.context.scene)
-    for camera in tree.objects("Cameras"):  # all of them on one side
-        camera.matrix_basis.translation = tree.root.matrix_basis.inverted() @ Vector((0.0, -9.0, 1.0))
-    frame_tree(bpy.context, tree)
+    imported = ImportedScene.find(bpy.context.scene)
+    for camera in imported.objects("Cameras"):  # all of them on one side
+        camera.matrix_basis.translation = imported.root.matrix_basis.inverted() @ Vector((0.0, -9.0, 1.0))
+    frame_imported(bpy.context, imported)
     space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
     seen_from = space.region_3d.view_rotation @ Vector((0, 0, 1))
     assert seen_from.y < -0.8 and seen_from.z > 0.2
@@ -285,29 +285,29 @@ def test_the_viewports_look_from_the_cameras_side(addon, house):
     assert up.z > 0.8
 
 
-def test_the_viewports_look_at_the_points_where_they_lie(tree):
-    (cloud,) = tree.objects("Points")
+def test_the_viewports_look_at_the_points_where_they_lie(imported):
+    (cloud,) = imported.objects("Points")
     space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
     before = space.region_3d.view_location.copy()
     cloud.matrix_basis = Matrix.Translation((3.0, 0.0, 0.0))
-    frame_tree(bpy.context, tree)
-    moved = tree.root.matrix_basis.to_3x3() @ Vector((3.0, 0.0, 0.0))
+    frame_imported(bpy.context, imported)
+    moved = imported.root.matrix_basis.to_3x3() @ Vector((3.0, 0.0, 0.0))
     assert (space.region_3d.view_location - before - moved).length < 1e-3
 
 
-def test_scaling_keeps_the_picture(tree):
+def test_scaling_keeps_the_picture(imported):
     space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
     before, place = space.region_3d.view_distance, space.region_3d.view_location.copy()
-    test_scale_by_two_points(tree)
+    test_scale_by_two_points(imported)
     assert space.region_3d.view_distance == pytest.approx(3 * before, rel=1e-4)
     assert (space.region_3d.view_location - 3 * place).length < 1e-4
 
 
-def test_deleted_scene_leaves_no_empty_collections(tree, house):
+def test_deleted_scene_leaves_no_empty_collections(imported, house):
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
-    assert len(bpy.data.collections) == 5 and len(Tree.find(bpy.context.scene).objects("Cameras")) == 12
+    assert len(bpy.data.collections) == 5 and len(ImportedScene.find(bpy.context.scene).objects("Cameras")) == 12
 
 
 def test_drop_handler_knows_the_files():

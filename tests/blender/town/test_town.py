@@ -66,13 +66,13 @@ def test_importing_again_replaces_the_town_and_keeps_what_is_not_ours(addon, tow
     bpy.ops.mgf.import_town(directory=str(town))
     choose("a")
     bpy.ops.mgf.show_full_building()
-    tree = bpy.data.objects.new("oak", None)
-    bpy.data.collections["b"].objects.link(tree)
+    imported = bpy.data.objects.new("oak", None)
+    bpy.data.collections["b"].objects.link(imported)
     bpy.ops.mgf.import_town(directory=str(town))
     towns = [c for c in bpy.context.scene.collection.children_recursive if "mgf_town" in c]
-    assert len({o.name for o in bpy.data.objects if "mgf_building" in o}) == 3 and tree.name in bpy.data.objects
+    assert len({o.name for o in bpy.data.objects if "mgf_building" in o}) == 3 and imported.name in bpy.data.objects
     assert [len(o.data.polygons) for o in bpy.data.objects if "mgf_building_job" in o] == [4, 4]
-    assert len(towns) == 1 and tree.users_collection[0].name == "b"
+    assert len(towns) == 1 and imported.users_collection[0].name == "b"
     path = str(tmp_path / "town.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)

@@ -20,10 +20,11 @@ from .frame import SceneFrame
 
 KINDS = ("Cameras", "Points", "Mesh", "Renders")
 KIND_KEY, OFFSET_KEY, RADIUS_KEY, ROLE_KEY = "mgf_kind", "mgf_offset", "mgf_radius", "mgf_role"
+TOP = "tree"  # role of the top collection, as files of all versions have it
 FIELD_KEY = "mgf_field"  # on the Gaussian field, which lies beside the sparse points
 
 
-class Tree:
+class ImportedScene:
     """The collections of one imported scene.
 
     Args:
@@ -34,32 +35,32 @@ class Tree:
         self.collection = collection
 
     @classmethod
-    def make(cls, scene: bpy.types.Scene, name: str, frame: SceneFrame) -> Tree:
-        """Add an empty tree to a scene; the empty gets the frame's pose. Trees whose objects are all gone leave.
+    def make(cls, scene: bpy.types.Scene, name: str, frame: SceneFrame) -> ImportedScene:
+        """Add an imported scene without objects, in a frame; those whose objects are all gone are removed.
 
         Raises:
             UserError: the scene is linked from another file.
         """
         check_own(scene)
-        trees = [c for c in scene.collection.children if c.get(ROLE_KEY) == "tree"]
-        for old in [c for c in trees if c.library is None and next(objects_below(c), None) is None]:
+        tops = [c for c in scene.collection.children if c.get(ROLE_KEY) == TOP]
+        for old in [c for c in tops if c.library is None and next(objects_below(c), None) is None]:
             bpy.data.batch_remove([*old.children_recursive, old])
         top = bpy.data.collections.new(name)
-        top[ROLE_KEY] = "tree"
+        top[ROLE_KEY] = TOP
         scene.collection.children.link(top)
         root = bpy.data.objects.new("", None)  # named where it is placed
         root.empty_display_type = "ARROWS"
         root[ROLE_KEY] = "root"
         _note_frame(root, frame)
         top.objects.link(root)
-        tree = cls(top)
-        tree.place(name, frame)
+        imported = cls(top)
+        imported.place(name, frame)
         for kind in KINDS:
-            tree.child(kind)
-        return tree
+            imported.child(kind)
+        return imported
 
     def place(self, name: str, frame: SceneFrame) -> None:
-        """Give the tree the name and the empty the pose of a scene."""
+        """Give the collection the name and the empty the pose of a scene."""
         root = self.root
         self.collection.name = name
         root.name = f"{name} Origin"  # the name itself is the mesh's, which is what people look for
@@ -68,20 +69,20 @@ class Tree:
         root.matrix_world = Matrix(frame.matrix().tolist())
 
     @classmethod
-    def find(cls, scene: bpy.types.Scene) -> Tree | None:
-        """Find the tree that is worked on: that of the active camera, else the newest; None without any."""
+    def find(cls, scene: bpy.types.Scene) -> ImportedScene | None:
+        """Find the imported scene that is worked on: that of the active camera, else the newest; None without any."""
         return next(iter(cls.find_all(scene)), None)
 
     @classmethod
-    def find_all(cls, scene: bpy.types.Scene) -> list[Tree]:
-        """Find the trees of the scene whose empty still exists: that of the active camera first, then the newest.
+    def find_all(cls, scene: bpy.types.Scene) -> list[ImportedScene]:
+        """Find the imported scenes whose empty still exists: that of the active camera first, then the newest.
 
         Those of other files, linked or as library overrides, are not ours to change.
         """
         own = [c for c in scene.collection.children_recursive if is_own(c)]
-        trees = [cls(c) for c in reversed(own) if c.get(ROLE_KEY) == "tree" and cls(c).root is not None]
+        found = [cls(c) for c in reversed(own) if c.get(ROLE_KEY) == TOP and cls(c).root is not None]
         active = scene.camera.parent if scene.camera is not None else None
-        return sorted(trees, key=lambda tree: tree.root != active)
+        return sorted(found, key=lambda imported: imported.root != active)
 
     @property
     def root(self) -> bpy.types.Object | None:
@@ -138,7 +139,7 @@ class Tree:
             obj.matrix_basis = Matrix(matrix.tolist())
 
     def objects(self, kind: str) -> list[bpy.types.Object]:
-        """Return the objects of a kind that the add-on made, wherever in the tree they are now."""
+        """Return the objects of a kind that the add-on made, in whichever of the collections they are now."""
         return [o for o in objects_below(self.collection) if o.get(KIND_KEY) == kind]
 
     def cameras(self) -> list[bpy.types.Object]:
