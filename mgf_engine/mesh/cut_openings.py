@@ -10,7 +10,7 @@ rectangle.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -21,6 +21,14 @@ from scipy.spatial import cKDTree
 from mgf_engine.geometry.clean import edges as edge_keys
 from mgf_engine.geometry.clean import face_neighbours
 from mgf_engine.geometry.components import label_components
+from mgf_engine.geometry.patch import (
+    Patch,
+    change_part,
+    directed_edges,
+    faces_over_rectangle,
+    faces_touching,
+    split_along_rectangle,
+)
 from mgf_engine.mesh.extend_planes import ON_PLANE
 from mgf_engine.mesh.opening_grid import HeightMap, OpeningGrid, around_rectangle, height_map, opening_grid
 from mgf_engine.model.mesh import Mesh
@@ -68,20 +76,6 @@ class WallOpenings(NamedTuple):
     depths: Array
 
 
-class Patch(NamedTuple):
-    """A part of a mesh.
-
-    Attributes:
-        at: vertices [N, 3].
-        faces: [F, 3].
-        source: the vertex of the whole mesh that each has its values and colour from, [N].
-    """
-
-    at: Array
-    faces: Index
-    source: Index
-
-
 def cut_openings(mesh: Mesh, walls: Sequence[WallOpenings], options: CutOptions = CutOptions()) -> tuple[Mesh, int]:
     """Cut openings into a mesh; return it and the number of openings that were cut.
 
@@ -97,17 +91,17 @@ def cut_openings(mesh: Mesh, walls: Sequence[WallOpenings], options: CutOptions 
         total += cut
     if not total:
         return mesh, 0
-    on_plane = np.ones(len(patch.at), np.uint8)
-    still = (patch.at[:count] == mesh.vertices).all(1)
+    on_plane = np.ones(len(patch.vertices), np.uint8)
+    still = (patch.vertices[:count] == mesh.vertices).all(1)
     on_plane[:count][still] = mesh.values[ON_PLANE][still] if ON_PLANE in mesh.values else 0
     used, corner = np.unique(patch.faces, return_inverse=True)
     result = mesh.gather(patch.source[used], corner.reshape(-1, 3))
-    return replace(result, vertices=patch.at[used], values={**result.values, ON_PLANE: on_plane[used]}), total
+    return replace(result, vertices=patch.vertices[used], values={**result.values, ON_PLANE: on_plane[used]}), total
 
 
 def _cut_in_wall(patch: Patch, wall: WallOpenings, options: CutOptions) -> tuple[Patch, int]:
     """Cut the openings of a wall into a mesh in its own coordinates; return it and the number of those cut."""
-    at = wall.frame.coordinates(patch.at)
+    at = wall.frame.coordinates(patch.vertices)
     near = np.zeros(len(patch.faces), bool)
     rows = np.flatnonzero(((at[:, 2] < options.reach) & (at[:, 2] > -options.pocket))[patch.faces].all(1))
     for box in wall.boxes:
@@ -116,17 +110,17 @@ def _cut_in_wall(patch: Patch, wall: WallOpenings, options: CutOptions) -> tuple
 
     def cut_each(part: Patch) -> Patch:
         nonlocal cut
-        before = wall.frame.coordinates(part.at)
-        now = part._replace(at=before)
+        before = wall.frame.coordinates(part.vertices)
+        now = part._replace(vertices=before)
         for box, depth in zip(wall.boxes, wall.depths, strict=True):
             done = cut_opening(now, box, float(depth), options)
             now, cut = (now, cut) if done is None else (done, cut + 1)
-        result = wall.frame.points(now.at)
-        still = (now.at[: len(before)] == before).all(1)
-        result[: len(before)][still] = part.at[still]  # to the bit
-        return now._replace(at=result)
+        result = wall.frame.points(now.vertices)
+        still = (now.vertices[: len(before)] == before).all(1)
+        result[: len(before)][still] = part.vertices[still]  # to the bit
+        return now._replace(vertices=result)
 
-    result = _changed(patch, touching(patch.faces, near), cut_each)
+    result = change_part(patch, faces_touching(patch.faces, near), cut_each)
     return (patch if result is None else result), cut
 
 
@@ -141,15 +135,15 @@ def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = Cu
     """
     if not options.least_depth <= depth < options.deepest:
         return None
-    near = touching(patch.faces, _near_opening(patch.at, patch.faces, box, options))
-    heights = height_map(patch.at, patch.faces[near], _widened(box, [max(options.margins)] * 4), options.before)
+    near = faces_touching(patch.faces, _near_opening(patch.vertices, patch.faces, box, options))
+    heights = height_map(patch.vertices, patch.faces[near], _widened(box, [max(options.margins)] * 4), options.before)
     margins = _margins(heights, box, options)
     if margins is None:
         return None
     outer = _widened(box, margins)
 
     def cut(part: Patch) -> Patch | None:
-        divided = _divided(part, outer, options.snap)
+        divided = split_along_rectangle(part, outer, options.snap)
         inside = _inside(divided, outer, options)
         inside = None if inside is None else _with_pockets(divided, inside, outer, options)
         seam = None if inside is None else _seam(divided, inside, outer, options)
@@ -157,66 +151,14 @@ def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = Cu
             return None
         return _joined(divided, inside, seam, opening_grid(box, outer, depth, heights))
 
-    return _changed(patch, near, cut)
-
-
-def _changed(patch: Patch, some: NDArray[np.bool_], change: Callable[[Patch], Patch | None]) -> Patch | None:
-    """Change a part of a mesh.
-
-    Args:
-        patch: the mesh.
-        some: the faces that are the part, bool [F].
-        change: returns the part with its new vertices after the others, or None.
-
-    Returns:
-        The mesh with its new vertices after the others; None if ``change`` returns None.
-    """
-    used, corner = np.unique(patch.faces[some], return_inverse=True)
-    part = change(Patch(patch.at[used], corner.reshape(-1, 3), patch.source[used]))
-    if part is None:
-        return None
-    at, old = patch.at.copy(), len(used)
-    at[used] = part.at[:old]
-    number = np.concatenate([used, len(at) + np.arange(len(part.at) - old)])
-    return Patch(
-        np.concatenate([at, part.at[old:]]),
-        np.concatenate([patch.faces[~some], number[part.faces]]),
-        np.concatenate([patch.source, part.source[old:]]),
-    )
-
-
-def overlapping(at: Array, faces: NDArray[np.integer], low: Array, high: Array) -> NDArray[np.bool_]:
-    """Tell which faces overlap a rectangle as seen along the wall's normal, by their boxes.
-
-    Args:
-        at: vertices in coordinates of the wall, [N, 3].
-        faces: [F, 3].
-        low: least x and y of the rectangle, [2].
-        high: largest x and y, [2].
-
-    Returns:
-        bool [F].
-    """
-    result = np.ones(len(faces), bool)
-    for axis in (0, 1):
-        a, b, c = (at[faces[:, k], axis] for k in range(3))
-        result &= np.maximum(np.maximum(a, b), c) > low[axis]
-        result &= np.minimum(np.minimum(a, b), c) < high[axis]
-    return result
-
-
-def touching(faces: NDArray[np.integer], some: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell which of faces [F, 3] have a vertex in common with some of them, bool [F]; edges on these may be divided."""
-    chosen = np.zeros(int(faces.max(initial=-1)) + 1, bool)
-    chosen[faces[some]] = True
-    return np.asarray(chosen[faces].any(1))
+    return change_part(patch, near, cut)
 
 
 def _near_opening(at: Array, faces: Index, box: Array, options: CutOptions) -> NDArray[np.bool_]:
     """Tell which faces are wall around an opening, or behind the wall and within reach of its pockets, bool [F]."""
-    wall = overlapping(at, faces, *_corners(_widened(box, [max(options.margins)] * 4)))
+    wall = faces_over_rectangle(at, faces, *_corners(_widened(box, [max(options.margins)] * 4)))
     behind: NDArray[np.bool_] = np.asarray((at[:, 2] < -options.behind)[faces].all(1))
-    behind[behind] = overlapping(at, faces[behind], *_corners(_widened(box, [options.pocket] * 4)))
+    behind[behind] = faces_over_rectangle(at, faces[behind], *_corners(_widened(box, [options.pocket] * 4)))
     return wall | behind
 
 
@@ -249,89 +191,21 @@ def _margins(heights: HeightMap, box: Array, options: CutOptions) -> list[float]
     return result
 
 
-def _divided(patch: Patch, outer: Array, snap: float) -> Patch:
-    """Cut the faces along the four sides of a rectangle, so that none lies within it and beyond."""
-    left, top, right, bottom = (float(value) for value in outer)
-    for axis, value, low, high in (
-        (0, left, bottom, top), (0, right, bottom, top), (1, bottom, left, right), (1, top, left, right),
-    ):  # fmt: skip
-        patch = _split(patch, axis, value, low, high, snap)
-    return patch
-
-
-def _split(patch: Patch, axis: int, value: float, low: float, high: float, snap: float) -> Patch:
-    """Cut the faces that touch a segment of an axis-parallel line, all the way, so that none lies on both its sides.
-
-    Args:
-        patch: to cut.
-        axis: 0 where x has one value on the line, 1 where y has.
-        value: that value.
-        low: the least of the other coordinate on the segment.
-        high: the largest.
-        snap: distance within which vertices are moved onto the segment.
-    """
-    at = patch.at.copy()
-    along = at[:, 1 - axis]
-    near = (np.abs(at[:, axis] - value) < snap) & (along > low - snap) & (along < high + snap)
-    at[near, axis] = value
-    off = at[:, axis] - value
-    side = np.sign(off)[patch.faces]
-    reach = along[patch.faces]
-    cut = (side.min(1) < 0) & (side.max(1) > 0) & (reach.min(1) <= high) & (reach.max(1) >= low)
-    edges = np.sort(_edges(patch.faces[cut]), 1)
-    edges = np.unique(edges[off[edges[:, 0]] * off[edges[:, 1]] < 0], axis=0)
-    if not len(edges):
-        return patch._replace(at=at)
-    a, b = edges.T
-    share = (off[a] / (off[a] - off[b]))[:, None]
-    new = at[a] + share * (at[b] - at[a])
-    new[:, axis] = value
-    source = np.where(share[:, 0] < 0.5, patch.source[a], patch.source[b])
-    faces = _with_middles(patch.faces, edges, len(at))
-    return Patch(np.concatenate([at, new]), faces, np.concatenate([patch.source, source]))
-
-
-def _with_middles(faces: Index, edges: Index, count: int) -> Index:
-    """Divide faces [F, 3] at new vertices on their edges, two edges of a face at most.
-
-    Args:
-        faces: of ``count`` vertices.
-        edges: those with a new vertex, lower number first, in ascending order, [E, 2]; that of the k-th is count + k.
-        count: number of vertices before.
-    """
-    key, own_key = edges[:, 0] << 32 | edges[:, 1], edge_keys(faces)[0].reshape(-1, 3)
-    place = np.minimum(np.searchsorted(key, own_key), len(key) - 1)
-    has = key[place] == own_key
-    middle = np.where(has, count + place, -1)
-    times = has.sum(1)
-
-    def turned(rows: NDArray[np.bool_], first: NDArray[np.int64]) -> tuple[Index, ...]:
-        """Return corners a, b, c and the middles of ab, bc, ca of faces whose edge ``first`` is ab."""
-        turn = (first[:, None] + np.arange(3)) % 3
-        return (*np.take_along_axis(faces[rows], turn, 1).T, *np.take_along_axis(middle[rows], turn, 1).T)
-
-    a, b, c, ab, _, _ = turned(times == 1, has[times == 1].argmax(1))
-    one = [np.stack([a, ab, c], 1), np.stack([ab, b, c], 1)]
-    a, b, c, _, bc, ca = turned(times == 2, (~has[times == 2]).argmax(1))
-    two = [np.stack([c, ca, bc], 1), np.stack([a, b, bc], 1), np.stack([a, bc, ca], 1)]
-    return np.concatenate([faces[times == 0], *one, *two])
-
-
 def _inside(patch: Patch, outer: Array, options: CutOptions) -> Index | None:
     """Return the faces of a wall within a rectangle that hang together, numbers [K]; None where there are none.
 
     Small parts that float behind the wall and reach no side of the rectangle are among them.
     """
     left, top, right, bottom = outer
-    x, y, z = patch.at.T
+    x, y, z = patch.vertices.T
     within = (x >= left) & (x <= right) & (y >= bottom) & (y <= top) & (z <= options.before)
     rows = np.flatnonzero(within[patch.faces].all(1))
     if not len(rows):
         return None
     pairs = face_neighbours(patch.faces[rows])
     part = label_components(len(rows), pairs[:, 0], pairs[:, 1])
-    area = np.bincount(part, np.abs(_flat_areas(patch.at, patch.faces[rows])))
-    sides = (patch.at[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]).any(1)
+    area = np.bincount(part, np.abs(_flat_areas(patch.vertices, patch.faces[rows])))
+    sides = (patch.vertices[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]).any(1)
     stays = np.bincount(part, (sides | (z > 0))[patch.faces[rows]].any(1)) > 0
     return np.asarray(rows[((np.arange(len(area)) == area.argmax()) | ~stays)[part]])
 
@@ -349,9 +223,9 @@ def _with_pockets(patch: Patch, inside: Index, outer: Array, options: CutOptions
     pairs = face_neighbours(patch.faces[rest])
     part = label_components(len(rest), pairs[:, 0], pairs[:, 1])
     low, high = _corners(_widened(outer, [options.pocket] * 4))
-    hidden = (patch.at[:, 2] < -options.behind) & (patch.at[:, 2] > -options.pocket)
-    hidden &= (patch.at[:, :2] > low).all(1) & (patch.at[:, :2] < high).all(1)
-    own = np.zeros(len(patch.at), bool)
+    hidden = (patch.vertices[:, 2] < -options.behind) & (patch.vertices[:, 2] > -options.pocket)
+    hidden &= (patch.vertices[:, :2] > low).all(1) & (patch.vertices[:, :2] < high).all(1)
+    own = np.zeros(len(patch.vertices), bool)
     own[patch.faces[inside]] = True
     hangs = np.bincount(part, own[patch.faces[rest]].any(1)) > 0
     stays = np.bincount(part, ~hidden[patch.faces[rest]].all(1)) > 0
@@ -369,20 +243,20 @@ def _seam(patch: Patch, inside: Index, outer: Array, options: CutOptions) -> Ind
         options: limits.
     """
     rest = np.delete(patch.faces, inside, axis=0)
-    edges = _edges(patch.faces[inside])
+    edges = directed_edges(patch.faces[inside])
     seam = edges[np.isin(edge_keys(patch.faces[inside])[0], edge_keys(rest)[0])]
-    sides = patch.at[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]  # left, bottom, right, top
+    sides = patch.vertices[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]  # left, bottom, right, top
     if not len(seam) or not sides[seam].all(1).any(1).all() or len(np.unique(seam[:, 0])) < len(seam):
         return None
-    z = patch.at[seam, 2]
+    z = patch.vertices[seam, 2]
     if z.min() < -2 * options.behind or z.max() > options.before:
         return None
     following = dict(seam.tolist())
-    _bridge(following, patch.at, options.gap)
-    loop = [int(seam[np.argmin(np.abs(patch.at[seam[:, 0], :2] - outer[[0, 3]]).sum(1)), 0])]
+    _bridge(following, patch.vertices, options.gap)
+    loop = [int(seam[np.argmin(np.abs(patch.vertices[seam[:, 0], :2] - outer[[0, 3]]).sum(1)), 0])]
     while len(loop) < len(following) and following.get(loop[-1]) not in (None, loop[0]):
         loop.append(following[loop[-1]])
-    along = around_rectangle(patch.at[loop, :2], outer)
+    along = around_rectangle(patch.vertices[loop, :2], outer)
     once = len(loop) == len(following) and following.get(loop[-1]) == loop[0] and along[0] == 0
     backward = np.clip(-np.diff(along), 0, None).sum()  # folds of the mesh
     return np.array(loop) if once and backward <= options.folds else None
@@ -407,19 +281,14 @@ def _joined(divided: Patch, inside: Index, seam: Index, grid: OpeningGrid) -> Pa
         seam: the vertices to join the grid with.
         grid: of the opening.
     """
-    start = len(divided.at)
-    number = np.concatenate([start + np.arange(len(grid.at)), seam[::-1]])  # -1 - k is the k-th of the seam
-    join = number[grid.join(around_rectangle(divided.at[seam, :2], grid.outer))]
+    start = len(divided.vertices)
+    number = np.concatenate([start + np.arange(len(grid.vertices)), seam[::-1]])  # -1 - k is the k-th of the seam
+    join = number[grid.join(around_rectangle(divided.vertices[seam, :2], grid.outer))]
     return Patch(
-        np.concatenate([divided.at, grid.at]),
+        np.concatenate([divided.vertices, grid.vertices]),
         np.concatenate([np.delete(divided.faces, inside, axis=0), start + grid.faces, join]),
-        np.concatenate([divided.source, divided.source[cKDTree(divided.at).query(grid.at)[1]]]),
+        np.concatenate([divided.source, divided.source[cKDTree(divided.vertices).query(grid.vertices)[1]]]),
     )
-
-
-def _edges(faces: Index) -> Index:
-    """Return the edges of faces [F, 3] in their direction, [3 F, 2]."""
-    return np.stack([faces.ravel(), np.roll(faces, -1, 1).ravel()], 1)
 
 
 def _flat_areas(at: Array, faces: Index) -> Array:

@@ -56,13 +56,13 @@ class OpeningGrid(NamedTuple):
     """The mesh of an opening and of what is around it, up to a step from the rectangle that it is to be joined at.
 
     Attributes:
-        at: vertices, coordinates of the wall, [N, 3].
+        vertices: coordinates of the wall, [N, 3].
         faces: [F, 3].
         border: its outermost vertices, counter-clockwise from the lower left, [B].
         outer: left, top, right, bottom of the rectangle that it is to be joined at, [4].
     """
 
-    at: Array
+    vertices: Array
     faces: Index
     border: Index
     outer: Array
@@ -76,7 +76,7 @@ class OpeningGrid(NamedTuple):
         Returns:
             [S + B, 3]; the vertex at ``along[k]`` has the number -1 - k.
         """
-        rows = self.at[self.border, :2]
+        rows = self.vertices[self.border, :2]
         low, high = rows.min(0), rows.max(0)
         own = around_rectangle(rows, np.array([low[0], high[1], high[0], low[1]]))
         places = np.concatenate([np.append(np.maximum.accumulate(along)[1:], 4.0), np.append(own[1:], 4.0)])

@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.clean import face_areas, face_neighbours
 from mgf_engine.geometry.components import label_components
+from mgf_engine.geometry.divide import divide_long_edges
 from mgf_engine.geometry.morton import arrange, cells_of, morton
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.rasterize import face_normals
-from mgf_engine.mesh.divide import divide_long_edges
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.model.mesh import Mesh
 

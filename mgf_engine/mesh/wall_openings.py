@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.normals import unit_vectors
+from mgf_engine.geometry.patch import faces_over_rectangle
 from mgf_engine.geometry.rasterize import render_mesh, render_parallel
-from mgf_engine.mesh.cut_openings import CutOptions, WallOpenings, overlapping
+from mgf_engine.mesh.cut_openings import CutOptions, WallOpenings
 from mgf_engine.mesh.photo_consistency import PatchOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
@@ -126,7 +127,7 @@ def _in_wall(
     resolution = max(o.pixel, float((high - low).max()) / o.longest_side)
     near = np.abs(at[:, 2]) < o.behind
     faces = np.flatnonzero(free & near[mesh.faces[:, 0]] & near[mesh.faces[:, 1]] & near[mesh.faces[:, 2]])
-    faces = faces[overlapping(at, mesh.faces[faces], low, high)]
+    faces = faces[faces_over_rectangle(at, mesh.faces[faces], low, high)]
     used, corner = np.unique(mesh.faces[faces[(at[mesh.faces[faces], 2] < o.before).all(1)]], return_inverse=True)
     pixels = np.column_stack([(at[used, 0] - low[0]) / resolution, (high[1] - at[used, 1]) / resolution, at[used, 2]])
     width, height = np.ceil((high - low) / resolution).astype(int).tolist()
@@ -139,7 +140,7 @@ def _in_wall(
     boxes = align_edges(np.array([one.box for one in found]), o.detection.aligned / resolution) * resolution
     boxes = np.tile([low[0], high[1]], 2) + boxes * np.array([1, -1, 1, -1])
     for left, top, right, bottom in boxes:
-        over = overlapping(at, mesh.faces[faces], np.array([left, bottom]), np.array([right, top]))
+        over = faces_over_rectangle(at, mesh.faces[faces], np.array([left, bottom]), np.array([right, top]))
         free[faces[over]] = False
     return WallOpenings(frame, boxes, np.array([one.depth for one in found]))
 

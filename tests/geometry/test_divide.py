@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mgf_engine.mesh.divide import divide_long_edges
+from mgf_engine.geometry.divide import divide_long_edges
 
 
 @pytest.mark.parametrize("longest", [0.3, 0.9, 1.1, 5.0])
