@@ -19,7 +19,7 @@ from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.photo_lines import PhotoLineOptions, line_photos, plane_frame
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.regions import RegionMap
-from mgf_engine.openings.detection import Opening, WallOpeningOptions, align_edges, openings_in, without_doubles
+from mgf_engine.openings.detection import Opening, OpeningDetectionOptions, align_edges, openings_in, without_doubles
 from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
@@ -31,7 +31,7 @@ class ElevationWallOptions:
 
     area: float = parameter(0.02, "Minimum area of a wall, as a share of what the drawing shows", high=1)
     facing: float = parameter(0.97, "Smallest cosine between the normals of wall and drawing", high=1)
-    openings: WallOpeningOptions = WallOpeningOptions()
+    openings: OpeningDetectionOptions = OpeningDetectionOptions()
 
 
 @dataclass(frozen=True)

@@ -50,11 +50,10 @@ class CutOptions:
     behind: float = parameter(1.5, "Maximum distance behind the plane at which the mesh is wall", "ground px")
     before: float = parameter(6.0, "Maximum distance before the plane of what the wall has around an opening, as sills",
                               "ground px")  # fmt: skip
-    reach: float = parameter(40.0, "Distance from the plane up to which the mesh is looked at", "ground px")
+    reach: float = parameter(40.0, "Distance from a wall up to which the mesh is looked at", "ground px")
     pocket: float = parameter(60.0, "Maximum extent of a pocket of the mesh behind the wall beside an opening, and "
                               "behind its plane", "ground px")  # fmt: skip
     least_depth: float = parameter(0.7, "Minimum depth of an opening", "ground px")
-    deepest: float = parameter(13.9, "Depth from which an opening is a passage, and not cut", "ground px")
     gap: float = parameter(2.0, "Width of holes of the mesh along that rectangle that are bridged", "ground px")
     folds: float = parameter(
         0.5, "Maximum length of folds of the mesh along the rectangle around an opening, in its sides"
@@ -68,7 +67,7 @@ class WallOpenings(NamedTuple):
     Attributes:
         frame: of the wall, unit: a ground pixel.
         boxes: left, top, right, bottom of each, y up, [K, 4].
-        depths: of their bottoms behind the wall, [K].
+        depths: of their bottoms behind the wall, [K]; infinite for passages, which are not cut.
     """
 
     frame: WallFrame
@@ -133,7 +132,7 @@ def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = Cu
         depth: of its bottom behind the wall, ground pixels.
         options: limits.
     """
-    if not options.least_depth <= depth < options.deepest:
+    if not options.least_depth <= depth < np.inf:
         return None
     near = faces_touching(patch.faces, _near_opening(patch.vertices, patch.faces, box, options))
     heights = height_map(patch.vertices, patch.faces[near], _widened(box, [max(options.margins)] * 4), options.before)

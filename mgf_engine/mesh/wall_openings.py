@@ -18,7 +18,7 @@ from mgf_engine.mesh.photo_consistency import PatchOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.openings.detection import WallOpeningOptions, align_edges, openings_in, without_doubles
+from mgf_engine.openings.detection import OpeningDetectionOptions, align_edges, openings_in, without_doubles
 from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
 from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
@@ -35,10 +35,9 @@ class MeshOpeningOptions:
     upright: float = parameter(37.0, "Maximum angle between a wall and up", "degrees", high=90)
     before: float = parameter(1.5, "Distance before a wall up to which the mesh is looked at; balconies are not",
                               "ground px")  # fmt: skip
-    behind: float = parameter(40.0, "Distance behind a wall up to which the mesh is looked at", "ground px")
     pixel: float = parameter(0.5, "Size of a pixel of the map of depths", "ground px", low=0.05)
     longest_side: int = parameter(6000, "Longest side of the map of depths", "px", low=16)
-    detection: WallOpeningOptions = WallOpeningOptions()
+    detection: OpeningDetectionOptions = OpeningDetectionOptions()
     cut: CutOptions = CutOptions()
 
 
@@ -125,7 +124,7 @@ def _in_wall(
     corners = at[mesh.faces[own]].reshape(-1, 3)[:, :2]
     low, high = corners.min(0) - _SPACE, corners.max(0) + _SPACE
     resolution = max(o.pixel, float((high - low).max()) / o.longest_side)
-    near = np.abs(at[:, 2]) < o.behind
+    near = np.abs(at[:, 2]) < o.cut.reach
     faces = np.flatnonzero(free & near[mesh.faces[:, 0]] & near[mesh.faces[:, 1]] & near[mesh.faces[:, 2]])
     faces = faces[faces_over_rectangle(at, mesh.faces[faces], low, high)]
     used, corner = np.unique(mesh.faces[faces[(at[mesh.faces[faces], 2] < o.before).all(1)]], return_inverse=True)
@@ -146,7 +145,7 @@ def _in_wall(
 
 
 def _with_photo_edges(
-    found: Sequence[WallOpenings], photos: EdgePhotos, options: WallOpeningOptions
+    found: Sequence[WallOpenings], photos: EdgePhotos, options: OpeningDetectionOptions
 ) -> list[WallOpenings]:
     """Return openings whose edges are where the photos have them, those in one row on one line."""
     if not found:

@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class WallOpeningOptions:
+class OpeningDetectionOptions:
     """Options of openings that are found by their depth in a wall."""
 
     depth: float = parameter(1.0, "Minimum depth behind the wall", "ground px", low=0.1)
-    deepest: float = parameter(14.0, "Depth from which it does not matter how deep", "ground px")
+    deepest: float = parameter(14.0, "Depth from which an opening is a passage, however deep", "ground px")
     holes: float = parameter(
         0.8,
         "Minimum share of the surroundings of a hole in the mesh that is deep, so that the hole counts as deep",
@@ -67,7 +67,7 @@ class Opening(NamedTuple):
     Attributes:
         score: how much like a rectangle it is, 0..1.
         box: left, top, right, bottom in pixels of the map, [4].
-        depth: of its bottom behind the wall, unit of the map.
+        depth: of its bottom behind the wall, unit of the map; infinite for a passage.
     """
 
     score: float
@@ -76,7 +76,7 @@ class Opening(NamedTuple):
 
 
 def openings_in(
-    depth: NDArray[np.float32], pixel: float, resolution: float, area: float, options: WallOpeningOptions
+    depth: NDArray[np.float32], pixel: float, resolution: float, area: float, options: OpeningDetectionOptions
 ) -> Iterator[Opening]:
     """Yield the openings in the depth map of a wall.
 
@@ -88,8 +88,8 @@ def openings_in(
         options: what counts as an opening.
     """
     pixel /= resolution
-    margin = round(options.side * pixel) + 1
-    depth = np.minimum(depth / np.float32(resolution), np.float32(options.deepest * pixel))
+    margin, deepest = round(options.side * pixel) + 1, np.float32(options.deepest * pixel)
+    depth = np.minimum(depth / np.float32(resolution), deepest)
     depth = _closed(depth, options.depth * pixel, options.holes)
     depth = np.pad(depth, margin, constant_values=np.nan)  # what is beyond the map is no wall
     deep = (depth > options.depth * pixel).astype(np.uint8)
@@ -101,11 +101,12 @@ def openings_in(
         found = _fit_best(depth[near], part[near] == k, pixel, options)
         if found is not None:
             shift = np.array([x, y, x, y]) - 2 * margin
-            yield found._replace(box=found.box + shift, depth=found.depth * resolution)
+            bottom = found.depth * resolution if found.depth < deepest else np.inf
+            yield found._replace(box=found.box + shift, depth=bottom)
 
 
 def _fit_best(
-    depth: NDArray[np.float32], part: NDArray[np.bool_], pixel: float, options: WallOpeningOptions
+    depth: NDArray[np.float32], part: NDArray[np.bool_], pixel: float, options: OpeningDetectionOptions
 ) -> Opening | None:
     """Fit an opening to a deep part of a map as :func:`_fit` does; with a pane that mirrors if its middle is uneven."""
     found = _fit(depth, part, pixel, 0, options)
@@ -117,7 +118,7 @@ def _fit_best(
 
 
 def _fit(
-    depth: NDArray[np.float32], part: NDArray[np.bool_], pixel: float, pane: int, options: WallOpeningOptions
+    depth: NDArray[np.float32], part: NDArray[np.bool_], pixel: float, pane: int, options: OpeningDetectionOptions
 ) -> Opening | None:
     """Fit an opening to a deep part of a map.
 

@@ -19,7 +19,8 @@ class Algorithm:
 
     Attributes:
         section: name of the section for ``--set``.
-        stage: the stage whose result depends on its options, or the command (``drawings``).
+        stage: the first stage whose result depends on its options (later ones that use them are redone with it), or
+            the command (``drawings``).
         title: what it does, for the docs.
         options: its dataclass, as ``module:class`` inside the package.
         also: further commands that use it.
@@ -129,7 +130,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("plane_extension", "mesh", "Planes over dents and worn edges", "mesh.extend_planes:PlaneExtensionOptions"),
     Algorithm("plane_borders", "mesh", "Blending of the borders of planes", "mesh.plane_borders:PlaneBorderOptions"),
     Algorithm("opening_walls", "mesh", "Walls of the mesh that openings are looked for in", "mesh.wall_openings:MeshOpeningOptions"),
-    Algorithm("wall_openings", "mesh", "Windows, doors and niches, by their depth in a wall", "openings.detection:WallOpeningOptions", also=("drawings",)),
+    Algorithm("opening_detection", "mesh", "Detection of windows, doors and niches by their depth in a wall", "openings.detection:OpeningDetectionOptions", also=("drawings",)),
     Algorithm("opening_edges", "mesh", "Edges of windows and doors, from the photos", "openings.photo_edges:OpeningEdgeOptions", also=("drawings",)),
     Algorithm("opening_cuts", "mesh", "Cutting of openings into the mesh", "mesh.cut_openings:CutOptions"),
     Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mesh.colors:ColorOptions"),

@@ -37,7 +37,6 @@ _BY_CLASS = {algorithm.options: algorithm for algorithm in ALGORITHMS}
 #: Earlier name of an option -> its name now; accepted for one version, with a warning.
 RENAMED_OPTIONS = {
     "start_cut.outside_views": "start_outside.least_views",
-    "start_cut.margin": "start_outside.margin",
     "start_lines.outside_views": "start_outside.least_views",
     "start_lines.outside_margin": "start_outside.margin",
     "building_extent.same_side": "point_visibility.same_side",
@@ -59,12 +58,21 @@ RENAMED_OPTIONS = {
     "wall_openings.wall": "elevation_walls.area",
     "wall_openings.facing": "elevation_walls.facing",
     "solid_evidence.steepest": "solid_evidence.largest_tilt",
+    "opening_walls.behind": "opening_cuts.reach",
+    "opening_cuts.deepest": "opening_detection.deepest",
+    **{
+        f"wall_openings.{name}": f"opening_detection.{name}"
+        for name in (
+            *("depth", "deepest", "holes", "middle", "uneven", "bottom", "crossing", "shape", "side", "filled"),
+            *("corners", "corner_side", "around", "largest", "aligned"),
+        )
+    },
 }
 
 
 def is_algorithm_option(name: str) -> bool:
-    """Tell whether an option's name begins with the section of an algorithm."""
-    return name.partition(".")[0] in _BY_SECTION and "." in name
+    """Tell whether an option's name begins with the section of an algorithm, or did so in an earlier version."""
+    return name in RENAMED_OPTIONS or (name.partition(".")[0] in _BY_SECTION and "." in name)
 
 
 def algorithm_named(section: str) -> Algorithm:
@@ -132,7 +140,7 @@ def check_used(command: str, names: Iterable[str]) -> None:
     """
     sections = {a.section for a in ALGORITHMS if command == a.stage or command in a.also}
     for name in names:
-        if name.partition(".")[0] not in sections:
+        if RENAMED_OPTIONS.get(name, name).partition(".")[0] not in sections:
             raise BadInput(
                 f"'mgf {command}' does not use the option '{name}'; 'mgf options --algorithms' lists the options of "
                 "each stage and command."
@@ -143,13 +151,16 @@ def algorithm_values(given: dict[str, Any]) -> dict[str, Any]:
     """Check and convert options of algorithms; those at their default are left out, so that they change no stage key.
 
     Args:
-        given: ``section.name`` -> value; text is converted to the option's type.
+        given: ``section.name`` -> value; text is converted to the option's type. A value given by an option's present
+            name wins over one by its earlier name.
 
     Raises:
         BadInput: an unknown option, a value of the wrong type or outside its limits.
     """
     result = {}
-    for key, value in sorted((RENAMED_OPTIONS.get(key, key), value) for key, value in given.items()):
+    renamed = {RENAMED_OPTIONS[key]: value for key, value in given.items() if key in RENAMED_OPTIONS}
+    present = {key: value for key, value in given.items() if key not in RENAMED_OPTIONS}
+    for key, value in sorted((renamed | present).items()):
         section, _, name = key.partition(".")
         spec = next((f for f in algorithm_named(section).parameters() if f.name == name), None)
         if spec is None:

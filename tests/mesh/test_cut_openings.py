@@ -167,7 +167,7 @@ def test_values_and_colours_are_those_of_near_vertices_and_what_lies_apart_stays
     ("mesh", "depth"),
     [
         (sloped(depth=0.5), 0.5),
-        (sloped(), 20.0),
+        (sloped(), np.inf),
         (without_faces(sloped(), [20.0, 80.0, 53.0, 40.0]), DEPTH),
         (sloped((np.array([20.0, 120.0, 110.0, 30.0]),)), DEPTH),
         (Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8)), DEPTH),

@@ -10,7 +10,7 @@ from mgf_engine.mesh.cut_openings import cut_openings
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.wall_openings import MeshOpeningOptions, edge_photos, find_wall_openings
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.openings.detection import WallOpeningOptions
+from mgf_engine.openings.detection import OpeningDetectionOptions
 from tests.mesh.test_cut_openings import BOX, sloped
 from tests.support.wall_photos import cameras
 
@@ -60,7 +60,7 @@ def test_edges_come_from_the_photos_but_lower_ones():
     [
         ({}, np.array([0.0, 0.0, 1.0])),
         ({"area": 1e6}, UP),
-        ({"detection": WallOpeningOptions(shape=0.05)}, UP),
+        ({"detection": OpeningDetectionOptions(shape=0.05)}, UP),
     ],
     ids=["a roof", "small walls", "too deep"],
 )

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mgf_engine.errors import BadInput
-from mgf_engine.options.algorithms import RENAMED_OPTIONS, algorithm_default
+from mgf_engine.options.algorithms import RENAMED_OPTIONS, algorithm_default, check_used
 from mgf_engine.options.config import (
     RENAMED,
     SECTIONS,
@@ -129,6 +129,27 @@ def test_options_of_an_earlier_name_are_taken_with_a_sentence() -> None:
     assert [text.split(" has been renamed to ")[0] for text in renamed_values(old)] == list(old)
     for name in RENAMED_OPTIONS.values():
         algorithm_default(name)  # fails where there is no such option
+    assert not any(is_option(name) for name in RENAMED_OPTIONS), "an option that exists is not another one"
+
+
+def is_option(name: str) -> bool:
+    try:
+        algorithm_default(name)
+    except (KeyError, StopIteration):
+        return False
+    return True
+
+
+def test_the_present_name_wins_over_the_earlier_one() -> None:
+    both = {"wall_openings.depth": 3.0, "opening_detection.depth": "2"}  # a job of before, resumed with --set
+    assert make_config(both) == make_config({"opening_detection.depth": 2.0})
+    assert make_config(dict(reversed(both.items()))) == make_config(both)
+
+
+def test_commands_take_options_of_a_section_by_its_earlier_name() -> None:
+    check_used("drawings", ["wall_openings.depth"])
+    with pytest.raises(BadInput, match="does not use the option"):
+        check_used("models", ["wall_openings.depth"])
 
 
 def test_renamed_values_are_choices() -> None:
