@@ -23,7 +23,7 @@ from mgf_engine.drawings.model import (
     Survey,
 )
 from mgf_engine.drawings.openings import ElevationPhotos, ElevationWallOptions, find_openings
-from mgf_engine.drawings.overhangs import OverhangOptions, square_overhangs
+from mgf_engine.drawings.overhangs import OutlineOverhangOptions, square_overhangs
 from mgf_engine.drawings.photo_lines import PhotoLineOptions, find_moves, move_lines
 from mgf_engine.drawings.plane_lines import PlaneLineOptions, plane_lines
 from mgf_engine.drawings.project import Grid, GridBuffers, render_grid
@@ -51,7 +51,7 @@ class ElevationOptions:
     merging: RegionMergingOptions = RegionMergingOptions()
     plane_lines: PlaneLineOptions = PlaneLineOptions()
     straightening: StraightenOptions = StraightenOptions()
-    overhangs: OverhangOptions = OverhangOptions()
+    overhangs: OutlineOverhangOptions = OutlineOverhangOptions()
     rectangles: RectangleOptions = RectangleOptions()
     photo_lines: PhotoLineOptions = PhotoLineOptions()
     walls: ElevationWallOptions = ElevationWallOptions()

@@ -44,7 +44,7 @@ class RegionMergingOptions:
 
 
 @dataclass(frozen=True)
-class Part:
+class RegionPart:
     """A connected part of a region: its label, box in the map, pixels in that box, and the rest of what is known."""
 
     label: int
@@ -85,10 +85,10 @@ def merge_regions(
             return
 
 
-def _parts(label: NDArray[np.int32]) -> tuple[list[Part], dict[int, dict[int, int]]]:
+def _parts(label: NDArray[np.int32]) -> tuple[list[RegionPart], dict[int, dict[int, int]]]:
     """Return the connected parts of all regions, and for each the others beside it with the length of their border."""
     number = np.zeros(label.shape, np.int32)
-    parts = list[Part]()
+    parts = list[RegionPart]()
     for value, box in boxes_of_labels(label):
         if value == NOTHING:
             continue
@@ -96,7 +96,7 @@ def _parts(label: NDArray[np.int32]) -> tuple[list[Part], dict[int, dict[int, in
         for k, inner in enumerate(find_objects(part), start=1):
             rows, columns = (slice(a.start + b.start, a.start + b.stop) for a, b in zip(box, inner, strict=True))
             own = part[inner] == k
-            parts.append(Part(value, (rows, columns), own, int(own.sum())))
+            parts.append(RegionPart(value, (rows, columns), own, int(own.sum())))
             number[rows, columns][own] = len(parts)
     borders: dict[int, dict[int, int]] = {}
     for one, other in ((number[:, 1:], number[:, :-1]), (number[1:], number[:-1])):
@@ -109,7 +109,12 @@ def _parts(label: NDArray[np.int32]) -> tuple[list[Part], dict[int, dict[int, in
 
 
 def _alike(
-    part: Part, beside: list[Part], slope: Array, seen: GridBuffers, pixel: float, options: RegionMergingOptions
+    part: RegionPart,
+    beside: list[RegionPart],
+    slope: Array,
+    seen: GridBuffers,
+    pixel: float,
+    options: RegionMergingOptions,
 ) -> int | None:
     """Return the label of the larger plane beside a part that its surface parts from least, None where all part."""
     best, found = np.inf, None
@@ -132,7 +137,7 @@ def _alike(
 
 
 def _underside_of(
-    part: Part, label: NDArray[np.int32], up: NDArray[np.float64], pixel: float, options: RegionMergingOptions
+    part: RegionPart, label: NDArray[np.int32], up: NDArray[np.float64], pixel: float, options: RegionMergingOptions
 ) -> int | None:
     """Return the label below a part that is an underside, None where it is none or nothing is below.
 

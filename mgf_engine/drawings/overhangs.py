@@ -19,7 +19,7 @@ from mgf_engine.options.algorithms import parameter
 
 
 @dataclass(frozen=True)
-class OverhangOptions:
+class OutlineOverhangOptions:
     """Options of the undersides of overhangs in outlines."""
 
     longest: float = parameter(
@@ -29,7 +29,7 @@ class OverhangOptions:
 
 
 def square_overhangs(
-    stroke: Stroke, regions: RegionMap, pixel: float, options: OverhangOptions = OverhangOptions()
+    stroke: Stroke, regions: RegionMap, pixel: float, options: OutlineOverhangOptions = OutlineOverhangOptions()
 ) -> None:
     """Draw short slanted lines below overhangs as a level and an upright one.
 

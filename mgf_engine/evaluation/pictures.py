@@ -119,7 +119,7 @@ def turntable_views(mesh: Mesh, scene: Scene, count: int, size: tuple[int, int])
         count: number of cameras.
         size: width and height of their pictures, pixels.
     """
-    up = up_from_cameras(scene)
+    up = up_from_cameras(scene.views)
     centre, radius = _ball(mesh)
     towards = np.mean([view.centre for view in scene.views], axis=0) - centre
     side = towards - up * (towards @ up)

@@ -28,7 +28,7 @@ from mgf_engine.raster.api import RenderStats
 
 
 @dataclass(frozen=True)
-class GradientOptions:
+class GradientDensityOptions:
     """Options of densification by the gradient of the projected centre."""
 
     threshold: float = parameter(
@@ -67,7 +67,7 @@ def refine_by_gradient(
     extent: float,
     covered: float,
     generator: torch.Generator,
-    options: GradientOptions = GradientOptions(by="gradient"),
+    options: GradientDensityOptions = GradientDensityOptions(by="gradient"),
 ) -> DensifyResult:
     """Clone and split the Gaussians that are pulled most, prune the faint and the huge; rows may change places.
 
@@ -102,7 +102,7 @@ def refine_by_gradient(
     return DensifyResult(added, int((~alive).sum()) + int((~small).sum()))
 
 
-def _pulled(stats: RenderStats, covered: float, options: GradientOptions) -> tuple[Tensor, Tensor]:
+def _pulled(stats: RenderStats, covered: float, options: GradientDensityOptions) -> tuple[Tensor, Tensor]:
     """Return what Gaussians are ranked by, float32 [N], and which of them are to be cloned or split, bool [N].
 
     Lengths per pixel have another scale than the length of the sum: as many Gaussians are chosen by the former as the

@@ -21,7 +21,7 @@ from mgf_engine.field.checkpoint import Checkpoint, read_checkpoint, write_check
 from mgf_engine.field.density import DensificationOptions, budget_at, densify_and_prune
 from mgf_engine.field.filter3d import FilterOptions, update_filter
 from mgf_engine.field.gradient_density import (
-    GradientOptions,
+    GradientDensityOptions,
     mask_share,
     refine_by_gradient,
     reset_opacities,
@@ -94,7 +94,7 @@ class _Trainer:
         self.schedule = config.algorithm(ScheduleOptions)
         self.densification, self.losses = config.algorithm(DensificationOptions), config.algorithm(LossOptions)
         self.target_options = config.algorithm(TargetOptions)
-        self.gradients = config.algorithm(GradientOptions)
+        self.gradients = config.algorithm(GradientDensityOptions)
         share_matters = config.densify_by != "error" and config.masked_images
         self.covered = mask_share([masks.labels[i] for i in self.views]) if share_matters else 1.0
         self.lr_scale = lr_scale_of(self.total, Config().run_length(len(self.views)), self.rates)

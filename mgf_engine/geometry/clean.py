@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.geometry.morton import arrange, cells_of, morton
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import half_edges
 from mgf_engine.native.parallel import parallel_map
 
 DRAWN_BACK = 0.01  # weight of the neighbours' mean in Laplacian smoothing
@@ -155,16 +156,16 @@ def split_nonmanifold(mesh: Mesh) -> Mesh:
     return replace(cut, vertices=cut.vertices + DRAWN_BACK * (halfway - cut.vertices))
 
 
-def edges(faces: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def edge_keys(faces: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return an undirected key for each of the three edges of each face [3 F], and the face it belongs to."""
-    a, b = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    a, b = half_edges(faces).T
     key = np.minimum(a, b) << 32 | np.maximum(a, b)
     return key, np.repeat(np.arange(len(faces)), 3)
 
 
 def face_neighbours(faces: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return pairs of faces that share an edge, [E, 2]."""
-    key, owner = edges(faces)
+    key, owner = edge_keys(faces)
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(np.diff(key[order]) == 0)
     return np.stack([owner[order[same]], owner[order[same + 1]]], 1)

@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.model.topology import half_edges
+
 #: Which corners and middles (3: of the edge 0-1, 4: 1-2, 5: 2-0) make the new faces, by the edges divided (bits).
 _PATTERNS = {
     0: [(0, 1, 2)], 1: [(0, 3, 2), (3, 1, 2)], 2: [(0, 1, 4), (0, 4, 2)], 4: [(0, 1, 5), (5, 1, 2)],
@@ -23,7 +25,7 @@ def divide_long_edges(
     """
     origin = np.arange(len(faces))
     while len(faces):
-        ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], 2).reshape(-1, 2), axis=1)
+        ends = np.sort(half_edges(faces), axis=1)
         long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > longest
         if not long.any():
             break

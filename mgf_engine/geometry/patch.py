@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.clean import edges as edge_keys
+from mgf_engine.geometry.clean import edge_keys
+from mgf_engine.model.topology import half_edges
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -116,7 +117,7 @@ def _split_along_side(patch: Patch, axis: int, value: float, low: float, high: f
     side = np.sign(off)[patch.faces]
     reach = along[patch.faces]
     cut = (side.min(1) < 0) & (side.max(1) > 0) & (reach.min(1) <= high) & (reach.max(1) >= low)
-    edges = np.sort(directed_edges(patch.faces[cut]), 1)
+    edges = np.sort(half_edges(patch.faces[cut]), 1)
     edges = np.unique(edges[off[edges[:, 0]] * off[edges[:, 1]] < 0], axis=0)
     if not len(edges):
         return patch._replace(vertices=at)
@@ -153,8 +154,3 @@ def _with_middles(faces: Index, edges: Index, count: int) -> Index:
     a, b, c, _, bc, ca = turned(times == 2, (~has[times == 2]).argmax(1))
     two = [np.stack([c, ca, bc], 1), np.stack([a, b, bc], 1), np.stack([a, bc, ca], 1)]
     return np.concatenate([faces[times == 0], *one, *two])
-
-
-def directed_edges(faces: Index) -> Index:
-    """Return the edges of faces [F, 3] in their direction, [3 F, 2]."""
-    return np.stack([faces.ravel(), np.roll(faces, -1, 1).ravel()], 1)

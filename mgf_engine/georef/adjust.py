@@ -48,7 +48,7 @@ def fit_to_control(
     bent = replace(options.point, tolerated=options.point.tolerated_bent)
     for limits, robust in ((bent, True), (options.point, False)):
         placed, failed = place_points(scene, control.marks, options.mark)
-        fit = fit_control(scene, control.points, placed, failed, up_from_cameras(scene), limits)
+        fit = fit_control(scene, control.points, placed, failed, up_from_cameras(scene.views), limits)
         points = PlacedControl(control, placed, fit)
         found = adjust_to_control(model, scene, points, config.resolution, reporter, options, robust=robust)
         if found is model:

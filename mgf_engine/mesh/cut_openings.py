@@ -18,13 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mgf_engine.geometry.clean import edges as edge_keys
-from mgf_engine.geometry.clean import face_neighbours
+from mgf_engine.geometry.clean import edge_keys, face_neighbours
 from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.patch import (
     Patch,
     change_part,
-    directed_edges,
     faces_over_rectangle,
     faces_touching,
     split_along_rectangle,
@@ -32,6 +30,7 @@ from mgf_engine.geometry.patch import (
 from mgf_engine.mesh.extend_planes import ON_PLANE
 from mgf_engine.mesh.opening_grid import HeightMap, OpeningGrid, around_rectangle, height_map, opening_grid
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import half_edges
 from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
 
@@ -40,7 +39,7 @@ Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class CutOptions:
+class OpeningCutOptions:
     """Options of cutting openings into a mesh."""
 
     margins: tuple[float, float, float, float, float] = parameter(
@@ -75,7 +74,9 @@ class WallOpenings(NamedTuple):
     depths: Array
 
 
-def cut_openings(mesh: Mesh, walls: Sequence[WallOpenings], options: CutOptions = CutOptions()) -> tuple[Mesh, int]:
+def cut_openings(
+    mesh: Mesh, walls: Sequence[WallOpenings], options: OpeningCutOptions = OpeningCutOptions()
+) -> tuple[Mesh, int]:
     """Cut openings into a mesh; return it and the number of openings that were cut.
 
     Args:
@@ -98,7 +99,7 @@ def cut_openings(mesh: Mesh, walls: Sequence[WallOpenings], options: CutOptions 
     return replace(result, vertices=patch.vertices[used], values={**result.values, ON_PLANE: on_plane[used]}), total
 
 
-def _cut_in_wall(patch: Patch, wall: WallOpenings, options: CutOptions) -> tuple[Patch, int]:
+def _cut_in_wall(patch: Patch, wall: WallOpenings, options: OpeningCutOptions) -> tuple[Patch, int]:
     """Cut the openings of a wall into a mesh in its own coordinates; return it and the number of those cut."""
     at = wall.frame.coordinates(patch.vertices)
     near = np.zeros(len(patch.faces), bool)
@@ -123,7 +124,9 @@ def _cut_in_wall(patch: Patch, wall: WallOpenings, options: CutOptions) -> tuple
     return (patch if result is None else result), cut
 
 
-def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = CutOptions()) -> Patch | None:
+def cut_opening(
+    patch: Patch, box: Array, depth: float, options: OpeningCutOptions = OpeningCutOptions()
+) -> Patch | None:
     """Cut one opening; None where the mesh around it is not one sheet. New vertices come after those of the patch.
 
     Args:
@@ -153,7 +156,7 @@ def cut_opening(patch: Patch, box: Array, depth: float, options: CutOptions = Cu
     return change_part(patch, near, cut)
 
 
-def _near_opening(at: Array, faces: Index, box: Array, options: CutOptions) -> NDArray[np.bool_]:
+def _near_opening(at: Array, faces: Index, box: Array, options: OpeningCutOptions) -> NDArray[np.bool_]:
     """Tell which faces are wall around an opening, or behind the wall and within reach of its pockets, bool [F]."""
     wall = faces_over_rectangle(at, faces, *_corners(_widened(box, [max(options.margins)] * 4)))
     behind: NDArray[np.bool_] = np.asarray((at[:, 2] < -options.behind)[faces].all(1))
@@ -171,7 +174,7 @@ def _corners(box: Array) -> tuple[Array, Array]:
     return box[[0, 3]], box[[2, 1]]
 
 
-def _margins(heights: HeightMap, box: Array, options: CutOptions) -> list[float] | None:
+def _margins(heights: HeightMap, box: Array, options: OpeningCutOptions) -> list[float] | None:
     """Find how far from each side of an opening the mesh is wall, ground pixels [4]; None where it is none."""
     result = []
     for side in range(4):
@@ -190,7 +193,7 @@ def _margins(heights: HeightMap, box: Array, options: CutOptions) -> list[float]
     return result
 
 
-def _inside(patch: Patch, outer: Array, options: CutOptions) -> Index | None:
+def _inside(patch: Patch, outer: Array, options: OpeningCutOptions) -> Index | None:
     """Return the faces of a wall within a rectangle that hang together, numbers [K]; None where there are none.
 
     Small parts that float behind the wall and reach no side of the rectangle are among them.
@@ -209,7 +212,7 @@ def _inside(patch: Patch, outer: Array, options: CutOptions) -> Index | None:
     return np.asarray(rows[((np.arange(len(area)) == area.argmax()) | ~stays)[part]])
 
 
-def _with_pockets(patch: Patch, inside: Index, outer: Array, options: CutOptions) -> Index:
+def _with_pockets(patch: Patch, inside: Index, outer: Array, options: OpeningCutOptions) -> Index:
     """Return the faces to remove with those of pockets: what else hangs on them, and is behind the wall all over.
 
     Args:
@@ -231,7 +234,7 @@ def _with_pockets(patch: Patch, inside: Index, outer: Array, options: CutOptions
     return np.concatenate([inside, rest[(hangs & ~stays)[part]]])
 
 
-def _seam(patch: Patch, inside: Index, outer: Array, options: CutOptions) -> Index | None:
+def _seam(patch: Patch, inside: Index, outer: Array, options: OpeningCutOptions) -> Index | None:
     """Return the vertices at which what is removed meets what stays, counter-clockwise from the rectangle's lower left
     corner, [S]; None unless they go once along the rectangle, on the wall.
 
@@ -242,7 +245,7 @@ def _seam(patch: Patch, inside: Index, outer: Array, options: CutOptions) -> Ind
         options: limits.
     """
     rest = np.delete(patch.faces, inside, axis=0)
-    edges = directed_edges(patch.faces[inside])
+    edges = half_edges(patch.faces[inside])
     seam = edges[np.isin(edge_keys(patch.faces[inside])[0], edge_keys(rest)[0])]
     sides = patch.vertices[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]  # left, bottom, right, top
     if not len(seam) or not sides[seam].all(1).any(1).all() or len(np.unique(seam[:, 0])) < len(seam):

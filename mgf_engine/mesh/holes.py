@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.geometry.clean import edges, open_edges
+from mgf_engine.geometry.clean import edge_keys, open_edges
 from mgf_engine.model.mesh import Mesh
 
 _EARS = 40  # candidates, those with the best angle, that are tested for points inside
@@ -85,7 +85,7 @@ def _add_fans(mesh: Mesh, loops: list[NDArray[np.int32]]) -> Mesh:
 
 def cap_rims(mesh: Mesh) -> Mesh:
     """Close every loop of open edges by triangles between its vertices (ear clipping): the bottom of a building."""
-    known = set(np.unique(edges(mesh.faces)[0]).tolist())
+    known = set(np.unique(edge_keys(mesh.faces)[0]).tolist())
     caps = [_clip_ears(mesh.vertices[loop], loop, known) for loop in boundary_loops(mesh)]
     return replace(mesh, faces=np.concatenate([mesh.faces, *caps]).astype(np.int32))
 
@@ -94,7 +94,7 @@ def _clip_ears(rim: NDArray[np.float64], loop: NDArray[np.int32], known: set[int
     """Return triangles over a rim [n, 3], facing away from the faces that border it; ears with the best angle go first.
 
     Args:
-        known: keys of the edges the mesh has (:func:`mgf_engine.geometry.clean.edges`): a chord along one of
+        known: keys of the edges the mesh has (:func:`mgf_engine.geometry.clean.edge_keys`): a chord along one of
             them would give it a third face. Chords that are made are added.
     """
     following = np.roll(rim, -1, axis=0)

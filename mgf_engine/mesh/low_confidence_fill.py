@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from mgf_engine.geometry.clean import border_vertices, edges, with_faces
+from mgf_engine.geometry.clean import border_vertices, edge_keys, with_faces
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.options.algorithms import parameter
 
@@ -120,7 +120,7 @@ def _merge_vertices(faces: NDArray[np.int32], first: NDArray[np.int64]) -> tuple
     _, once = np.unique(np.sort(merged, 1), axis=0, return_index=True)
     merged = merged[np.sort(once)].astype(np.int32)
     nonmanifold = np.zeros(len(first), bool)
-    key, count = np.unique(edges(merged)[0], return_counts=True)
+    key, count = np.unique(edge_keys(merged)[0], return_counts=True)
     nonmanifold[key[count > 2] >> 32] = nonmanifold[key[count > 2] & 0xFFFFFFFF] = True
     return merged, nonmanifold
 

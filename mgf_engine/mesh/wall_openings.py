@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.geometry.patch import faces_over_rectangle
 from mgf_engine.geometry.rasterize import render_mesh, render_parallel
-from mgf_engine.mesh.cut_openings import CutOptions, WallOpenings
+from mgf_engine.mesh.cut_openings import OpeningCutOptions, WallOpenings
 from mgf_engine.mesh.photo_consistency import PatchOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
@@ -38,7 +38,7 @@ class MeshOpeningOptions:
     pixel: float = parameter(0.5, "Size of a pixel of the map of depths", "ground px", low=0.05)
     longest_side: int = parameter(6000, "Longest side of the map of depths", "px", low=16)
     detection: OpeningDetectionOptions = OpeningDetectionOptions()
-    cut: CutOptions = CutOptions()
+    cut: OpeningCutOptions = OpeningCutOptions()
 
 
 def find_wall_openings(

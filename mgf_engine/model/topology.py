@@ -88,9 +88,14 @@ class Adjacency:
         return normals
 
 
+def half_edges(faces: NDArray[np.integer]) -> NDArray[np.int64]:
+    """List the edges of each face [F, 3] in its direction, each by its two vertices, int64 [3 F, 2]."""
+    return np.stack([faces, np.roll(faces, -1, axis=1)], 2).reshape(-1, 2).astype(np.int64)
+
+
 def directed_edges(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """List each edge of each face [F, 3] in both directions: its two vertices, int64 [6 F] each."""
-    start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    start, end = half_edges(faces).T
     return np.r_[start, end], np.r_[end, start]
 
 

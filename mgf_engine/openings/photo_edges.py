@@ -165,7 +165,7 @@ class EdgeStrip(NamedTuple):
     outward: Array
 
 
-class GradientOptions(Protocol):
+class MeanGradientOptions(Protocol):
     """What mean gradients are taken by."""
 
     @property
@@ -181,7 +181,7 @@ class GradientOptions(Protocol):
         """Weight of a photo from whose place one looks at what is beyond the edge; 1 for the others."""
 
 
-def mean_gradients(strips: Sequence[EdgeStrip], photos: EdgePhotos, options: GradientOptions) -> Array:
+def mean_gradients(strips: Sequence[EdgeStrip], photos: EdgePhotos, options: MeanGradientOptions) -> Array:
     """Return the mean over the photos of the gradient across each edge, each with 1 as its largest, [n, offsets]; NaN
     where no photo shows the edge.
 
@@ -204,7 +204,7 @@ def mean_gradients(strips: Sequence[EdgeStrip], photos: EdgePhotos, options: Gra
     return np.divide(total, weights, out=np.full_like(total, np.nan), where=weights > 0)
 
 
-def _gradient(strip: EdgeStrip, k: int, photos: EdgePhotos, options: GradientOptions) -> tuple[Array, float] | None:
+def _gradient(strip: EdgeStrip, k: int, photos: EdgePhotos, options: MeanGradientOptions) -> tuple[Array, float] | None:
     """Return the gradient across an edge in a photo, 1 where it is largest, [offsets], and the weight of the photo;
     None where it does not show the edge."""
     view, some = photos.views[k], strip.points[:, ::_EVERY]

@@ -67,13 +67,6 @@ class UpDirection:
         return float(np.degrees(self.sd))
 
 
-@dataclass(frozen=True)
-class _Cameras:
-    """What the estimates by cameras need of a scene."""
-
-    views: tuple[View, ...]
-
-
 def find_up(
     scene: Scene,
     tags: Sequence[tuple[float, float, float] | None] = (),
@@ -92,23 +85,23 @@ def find_up(
     if len(tagged) >= max(3, len(scene.views) // 4):
         rough = UpDirection(unit_vectors(np.median(tagged, axis=0)), np.radians(options.tag_sd), "tags")
     else:
-        rough = UpDirection(up_from_cameras(scene, options), np.radians(options.level_sd), "cameras")
+        rough = UpDirection(up_from_cameras(scene.views, options), np.radians(options.level_sd), "cameras")
     return up_from_edges(scene, rough.vector, threads, options) or rough
 
 
-def up_from_cameras(scene: Scene | _Cameras, options: GravityOptions = GravityOptions()) -> Array:
+def up_from_cameras(views: Sequence[View], options: GravityOptions = GravityOptions()) -> Array:
     """Estimate up from how cameras are held: upright with a level horizon, or straight down; unit [3].
 
     Up is perpendicular to the x axes of level cameras. Where they look in too few directions to tell (a facade), the
     mean of what is up in the photos decides what they leave open.
     """
-    down = looking_down(scene, options)
+    down = looking_down(views, options)
     if down is not None:
         return -down
-    mean = np.mean([view.up for view in scene.views], axis=0)
+    mean = np.mean([view.up for view in views], axis=0)
     length = float(np.linalg.norm(mean))
     mean = mean / length if length > 1e-6 else np.array([0.0, -1.0, 0.0])
-    right = np.array([view.right for view in scene.views])
+    right = np.array([view.right for view in views])
     matrix = right.T @ right / len(right)
     spread, axes = np.linalg.eigh(matrix)
     if not (spread[1] > 0.05 and spread[1] > 4 * spread[0]):
@@ -132,12 +125,11 @@ def up_of_tilted_view(
         level_rms: the most that the cameras' horizontal axes may deviate from the horizon, RMS in degrees.
         options: of the estimate by all cameras.
     """
-    scene = _Cameras(tuple(others))
-    up = up_from_cameras(scene, options)
+    up = up_from_cameras(others, options)
     slope = np.array([other.right for other in others]) @ up
     level = np.sqrt(np.mean(slope**2)) <= np.sin(np.radians(level_rms))
     tilted = view.up @ up < np.cos(np.radians(tilt))
-    return up if tilted and level and looking_down(scene, options) is None else None
+    return up if tilted and level and looking_down(others, options) is None else None
 
 
 def horizontal_axes(up: Array) -> Array:
@@ -145,17 +137,17 @@ def horizontal_axes(up: Array) -> Array:
     return np.linalg.svd(up[None])[2][1:]
 
 
-def looking_down(scene: Scene | _Cameras, options: GravityOptions = GravityOptions()) -> NDArray[np.float64] | None:
+def looking_down(views: Sequence[View], options: GravityOptions = GravityOptions()) -> NDArray[np.float64] | None:
     """Return the common viewing direction of a grid of photos, [3]; None without one.
 
     Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.
     """
-    axis = np.stack([v.rotation[2] for v in scene.views]).mean(0)
+    axis = np.stack([v.rotation[2] for v in views]).mean(0)
     length = np.linalg.norm(axis)
-    if len(scene.views) < options.grid_photos or length < options.grid_alignment:
+    if len(views) < options.grid_photos or length < options.grid_alignment:
         return None
     axis /= length
-    centres = np.stack([v.centre for v in scene.views])
+    centres = np.stack([v.centre for v in views])
     centres = centres - centres.mean(0)
     across = centres - np.outer(centres @ axis, axis)
     wide = np.linalg.svd(across, compute_uv=False)

@@ -19,7 +19,7 @@ from mgf_engine.geometry.clip import clip
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.start.cut import cut_surface
 from mgf_engine.start.evidence import Evidence, merge_points
-from mgf_engine.start.options import CutOptions
+from mgf_engine.start.options import MinimumCutOptions
 from mgf_engine.start.views import StartViews
 
 Array = NDArray[np.float64]
@@ -27,7 +27,11 @@ Cut = tuple[Mesh, NDArray[np.float32]]
 
 
 def cut_in_blocks(
-    views: StartViews, evidence: Evidence, options: CutOptions, check: Callable[[], None], began: Callable[[str], None]
+    views: StartViews,
+    evidence: Evidence,
+    options: MinimumCutOptions,
+    check: Callable[[], None],
+    began: Callable[[str], None],
 ) -> Cut:
     """Compute the starting surface by minimum cuts of ``options.blocks`` blocks.
 
@@ -65,7 +69,7 @@ def cut_in_blocks(
     return Mesh(vertices, np.concatenate(faces), _black(vertices)), np.concatenate([strength for _, strength in found])
 
 
-def thin_evidence(evidence: Evidence, low: Array, high: Array, pixel: float, options: CutOptions) -> Evidence:
+def thin_evidence(evidence: Evidence, low: Array, high: Array, pixel: float, options: MinimumCutOptions) -> Evidence:
     """Merge the points that lie farther than the margin from a block in cubes of ``options.coarse``.
 
     Args:

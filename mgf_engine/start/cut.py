@@ -24,7 +24,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import parallel
 from mgf_engine.start.cut_graph import ONE, CutGraph
 from mgf_engine.start.evidence import Evidence
-from mgf_engine.start.options import CutOptions
+from mgf_engine.start.options import MinimumCutOptions
 from mgf_engine.start.tetrahedra import Tetrahedra, orient_positive
 from mgf_engine.start.views import StartViews, pixel_rays
 from mgf_engine.system.machine import release_memory
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 
 def cut_surface(
-    views: StartViews, evidence: Evidence, options: CutOptions, check: Callable[[], None]
+    views: StartViews, evidence: Evidence, options: MinimumCutOptions, check: Callable[[], None]
 ) -> tuple[Mesh, NDArray[np.float32]]:
     """Compute the closed surface by the minimum cut of the graph of tetrahedra.
 
@@ -92,7 +92,7 @@ def _box(low: Array, high: Array, padding: float) -> Array:
     return np.delete(grid_points(*sides), 13, 0)
 
 
-def _outside_share(views: StartViews, tetrahedra: Tetrahedra, options: CutOptions) -> Array:
+def _outside_share(views: StartViews, tetrahedra: Tetrahedra, options: MinimumCutOptions) -> Array:
     """Compute the share of each tetrahedron outside of the visual hull, [T]."""
     share = np.zeros(len(tetrahedra.corners))
     for chunk in tetrahedra.chunks():
@@ -103,7 +103,7 @@ def _outside_share(views: StartViews, tetrahedra: Tetrahedra, options: CutOption
 
 
 def _cast_rays(
-    views: StartViews, tetrahedra: Tetrahedra, evidence: Evidence, options: CutOptions
+    views: StartViews, tetrahedra: Tetrahedra, evidence: Evidence, options: MinimumCutOptions
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
     """Cast the points' rays (kernel ``mgf_tetra_rays``).
 
@@ -145,7 +145,7 @@ def _pull_uncovered(
     fixed_outside: NDArray[np.bool_],
     mesh: Mesh,
     box: tuple[Array, Array],
-    options: CutOptions,
+    options: MinimumCutOptions,
 ) -> NDArray[np.int32]:
     """Compute inside weights of tetrahedra on rays of uncovered mask pixels (kernel ``mgf_tetra_pull``).
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.native.library import call
 from mgf_engine.start.evidence import Evidence
-from mgf_engine.start.options import CutOptions
+from mgf_engine.start.options import MinimumCutOptions
 from mgf_engine.start.tetrahedra import FACE_CORNERS, Tetrahedra
 
 ONE = 1024.0  # what the kernels count as 1: their sums are whole numbers
@@ -24,7 +24,12 @@ class CutGraph:
     """
 
     def __init__(
-        self, tetrahedra: Tetrahedra, rays: NDArray[np.int32], evidence: Evidence, pixel: float, options: CutOptions
+        self,
+        tetrahedra: Tetrahedra,
+        rays: NDArray[np.int32],
+        evidence: Evidence,
+        pixel: float,
+        options: MinimumCutOptions,
     ) -> None:
         self.tetrahedra, self.strength = tetrahedra, StrongestPlane(evidence, len(tetrahedra.points))
         self.flow = Flow(tetrahedra.neighbours)

@@ -226,7 +226,7 @@ class PointSmoothingOptions:
 
 
 @dataclass(frozen=True)
-class CutOptions:
+class MinimumCutOptions:
     """Weights of the minimum cut; a ray to a point on a line weighs 1."""
 
     volume: float = parameter(1e-3, "Reward of volume inside, per px³ of the visual hull")
@@ -282,7 +282,7 @@ class StartOptions:
     planes: PlaneOptions = PlaneOptions()
     dense: DenseOptions = DenseOptions()
     smoothing: PointSmoothingOptions = PointSmoothingOptions()
-    cut: CutOptions = CutOptions()
+    cut: MinimumCutOptions = MinimumCutOptions()
 
 
 def start_options(config: Config) -> StartOptions:
@@ -293,5 +293,5 @@ def start_options(config: Config) -> StartOptions:
         config.algorithm(PlaneOptions),
         config.algorithm(DenseOptions),
         config.algorithm(PointSmoothingOptions),
-        config.algorithm(CutOptions),
+        config.algorithm(MinimumCutOptions),
     )

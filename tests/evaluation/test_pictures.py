@@ -82,7 +82,7 @@ def test_up_is_found_although_all_cameras_look_down() -> None:
         right /= np.linalg.norm(right)
         views.append(np.stack([right, np.cross(forward, right), forward]))
     scene = scene_of(np.zeros((9, 3)), views)
-    assert np.allclose(up_from_cameras(scene), [0, -1, 0], atol=1e-9)
+    assert np.allclose(up_from_cameras(scene.views), [0, -1, 0], atol=1e-9)
     mean = -np.mean([v[1] for v in views], axis=0)
     assert mean[1] / np.linalg.norm(mean) > -0.95
 

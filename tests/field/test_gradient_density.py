@@ -7,7 +7,7 @@ import torch
 from support.analytic import camera
 
 from mgf_engine.field.gradient_density import (
-    GradientOptions,
+    GradientDensityOptions,
     mask_share,
     refine_by_gradient,
     reset_opacities,
@@ -19,7 +19,7 @@ from mgf_engine.model.gaussians import Gaussians, rotation_matrices
 from mgf_engine.raster.api import RenderStats
 
 EXTENT, COUNT = 2.0, 10
-BY_GRADIENT = GradientOptions(by="gradient", prune_opacity=0.05, max_gaussians=1000)
+BY_GRADIENT = GradientDensityOptions(by="gradient", prune_opacity=0.05, max_gaussians=1000)
 
 
 def gaussians(radius: float = 0.01) -> Gaussians:
@@ -43,7 +43,7 @@ def pulled(*rows: int, length: float = 3e-4) -> RenderStats:
     return stats
 
 
-def refined(field: Gaussians, stats: RenderStats, options: GradientOptions = BY_GRADIENT, pooled: float = 1.0):
+def refined(field: Gaussians, stats: RenderStats, options: GradientDensityOptions = BY_GRADIENT, pooled: float = 1.0):
     optimiser = Optimiser(field)
     for first, _ in optimiser.moments.values():
         first += 1

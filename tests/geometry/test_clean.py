@@ -132,7 +132,7 @@ def test_capping_makes_no_edge_of_three_faces():
     )
     ragged = clean.split_nonmanifold(without(ragged, ragged.vertices[ragged.faces].mean(1)[:, 2] > -0.5))
     capped = cap_rims(ragged)
-    assert np.unique(clean.edges(capped.faces)[0], return_counts=True)[1].max() == 2
+    assert np.unique(clean.edge_keys(capped.faces)[0], return_counts=True)[1].max() == 2
 
 
 def test_one_missing_triangle_is_put_back():

@@ -8,12 +8,12 @@ from mgf_engine.geometry.clean import open_edges
 from mgf_engine.geometry.patch import (
     Patch,
     change_part,
-    directed_edges,
     faces_over_rectangle,
     faces_touching,
     split_along_rectangle,
 )
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.model.topology import half_edges
 from tests.support.sheets import joined, sheet
 
 SIDE = np.arange(0, 11.0)
@@ -102,5 +102,5 @@ def test_faces_over_a_rectangle_and_those_that_touch_them() -> None:
 
 
 def test_edges_have_the_direction_of_their_faces() -> None:
-    found = directed_edges(np.array([[0, 1, 2], [2, 1, 3]]))
+    found = half_edges(np.array([[0, 1, 2], [2, 1, 3]]))
     assert found.tolist() == [[0, 1], [1, 2], [2, 0], [2, 1], [1, 3], [3, 2]]

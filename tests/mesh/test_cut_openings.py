@@ -8,7 +8,7 @@ import pytest
 
 from mgf_engine.geometry.clean import open_edges
 from mgf_engine.geometry.rasterize import face_normals
-from mgf_engine.mesh.cut_openings import CutOptions, WallOpenings, cut_openings
+from mgf_engine.mesh.cut_openings import OpeningCutOptions, WallOpenings, cut_openings
 from mgf_engine.mesh.extend_planes import ON_PLANE
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.openings.wall_frame import WallFrame
@@ -187,7 +187,7 @@ def test_any_frame_and_scale():
     mesh = sloped()
     moved = replace(mesh, vertices=frame.points(mesh.vertices))
     here, _ = cut_openings(mesh, wall_of())
-    there, count = cut_openings(moved, wall_of(frame=frame), CutOptions())
+    there, count = cut_openings(moved, wall_of(frame=frame), OpeningCutOptions())
     assert count == 1
     assert from_truth(replace(there, vertices=frame.coordinates(there.vertices))).max() < 1e-6
     assert len(there.faces) == len(here.faces)

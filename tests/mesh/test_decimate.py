@@ -43,12 +43,12 @@ def distances(points, mesh: Mesh):
 
 def topology(mesh: Mesh):
     """Euler characteristic, open rims and connected parts."""
-    keys = np.unique(clean.edges(mesh.faces)[0])
+    keys = np.unique(clean.edge_keys(mesh.faces)[0])
     return len(mesh.vertices) - len(keys) + len(mesh.faces), len(boundary_loops(mesh)), int(clean.parts(mesh).max()) + 1
 
 
 def check_clean(mesh: Mesh) -> None:
-    assert np.unique(clean.edges(mesh.faces)[0], return_counts=True)[1].max() <= 2
+    assert np.unique(clean.edge_keys(mesh.faces)[0], return_counts=True)[1].max() <= 2
     assert igl.is_vertex_manifold(mesh.faces.astype(np.int64))[0]
     assert as_trimesh(mesh).is_winding_consistent
     assert clean.face_areas(mesh).min() > 0

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from mgf_engine.field.gradient_density import GradientOptions
+from mgf_engine.field.gradient_density import GradientDensityOptions
 from mgf_engine.masks.propagation.propagate import PropagationOptions
 from mgf_engine.options.algorithm_table import ALGORITHMS
 from mgf_engine.options.algorithms import algorithm_default, is_algorithm_option
@@ -193,7 +193,7 @@ def test_what_is_off_can_be_switched_on_again_and_stays_so_in_the_job_file() -> 
 @pytest.mark.parametrize(("iterations", "every"), [(7000, 100), (1500, 21), (30_000, 100), (10, 1)])
 def test_a_shorter_run_has_as_many_rounds_and_opacities_have_time_to_recover(iterations: int, every: int) -> None:
     config = make_config({"preset": "paper", "iterations": iterations})
-    assert (config.densify_every, config.algorithm(GradientOptions).reset_every) == (every, 3000)
+    assert (config.densify_every, config.algorithm(GradientDensityOptions).reset_every) == (every, 3000)
 
 
 def test_a_given_interval_of_densification_wins_over_the_scaled_one() -> None:

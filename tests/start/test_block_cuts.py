@@ -19,14 +19,14 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.start import block_cuts
 from mgf_engine.start.block_cuts import Cut, clip_to_block, cut_in_blocks, thin_evidence
 from mgf_engine.start.evidence import Evidence
-from mgf_engine.start.options import CutOptions
+from mgf_engine.start.options import MinimumCutOptions
 from mgf_engine.system import memory
 
 
 def in_blocks(start: PlainStart, count: int, **more: float) -> Cut:
     """The surface in so many cuts, each of which is told."""
     said: list[str] = []
-    options = replace(CutOptions(), blocks=count, **more)
+    options = replace(MinimumCutOptions(), blocks=count, **more)
     made = cut_in_blocks(start.views, start.evidence, options, lambda: None, said.append)
     assert said == [f"{k} of {count}" for k in range(1, count + 1)]
     return made
@@ -79,7 +79,7 @@ def test_points_beyond_the_margin_are_merged_and_keep_their_views() -> None:
     points = np.array([[0.5, 0, 0], [1.05, 0, 0], [3.0, 0, 0], [3.01, 0, 0], [9.0, 0, 0]])
     evidence = Evidence(points, [np.array([k]) for k in range(5)], np.arange(5.0), np.eye(5, dtype=bool), np.ones(5))
     low, high = np.full(3, -np.inf), np.array([1.0, np.inf, np.inf])
-    found = thin_evidence(evidence, low, high, 0.01, replace(CutOptions(), margin=10.0, coarse=20.0))
+    found = thin_evidence(evidence, low, high, 0.01, replace(MinimumCutOptions(), margin=10.0, coarse=20.0))
     assert np.array_equal(found.points[:, 0], [0.5, 1.05, 3.0, 9.0])
     assert [s.tolist() for s in found.seen] == [[0], [1], [2, 3], [4]]
     assert found.weight.tolist() == [0, 1, 3, 4] and found.on_planes.shape == (4, 5)

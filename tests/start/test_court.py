@@ -12,13 +12,13 @@ from mgf_engine.model.scene import View
 from mgf_engine.start.cut import cut_surface
 from mgf_engine.start.dense import DensePoints
 from mgf_engine.start.evidence import gather_evidence
-from mgf_engine.start.options import CutOptions, StartOptions
+from mgf_engine.start.options import MinimumCutOptions, StartOptions
 from mgf_engine.start.views import Silhouettes, StartViews
 
 PIXEL = 0.01
 WIDTH, HEIGHT, FOCAL = 200, 150, 400.0
 DEPTH = 4.0  # from the cameras to either wall
-LARGE = CutOptions(volume=1.5e-3)  # as if the court were half as wide again
+LARGE = MinimumCutOptions(volume=1.5e-3)  # as if the court were half as wide again
 
 
 def camera(x: float, towards: int) -> View:
@@ -42,7 +42,7 @@ def court() -> tuple[StartViews, DensePoints]:
     return views, DensePoints(np.concatenate(walls), seen, np.full(len(seen), 0.3), normals)
 
 
-def shown_share(options: CutOptions) -> float:
+def shown_share(options: MinimumCutOptions) -> float:
     """Share of the middle of two photos, one of each wall, that shows the wall within 5 px of its depth."""
     (views, dense), o = court(), replace(StartOptions(), cut=options)
     mesh, _ = cut_surface(views, gather_evidence(views, [], dense, o), o.cut, lambda: None)

@@ -21,7 +21,7 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.start import surface
 from mgf_engine.start.cut_graph import StrongestPlane
 from mgf_engine.start.evidence import Evidence
-from mgf_engine.start.options import CutOptions, StartOptions
+from mgf_engine.start.options import MinimumCutOptions, StartOptions
 from mgf_engine.start.samples import poisson_disk_subset, sample_poisson_disk, sample_surface
 from mgf_engine.start.store import read_start, write_start
 from mgf_engine.start.surface import StartSurface, start_surface
@@ -157,7 +157,7 @@ def test_blocks_are_progress(plain_house: PlainHouse, plain_start: PlainStart, m
 
     monkeypatch.setattr(surface, "cut_in_blocks", cut)
     sent: list[dict] = []
-    reporter, options = Reporter(sent.append, min_interval=0), replace(StartOptions(), cut=CutOptions(blocks=2))
+    reporter, options = Reporter(sent.append, min_interval=0), replace(StartOptions(), cut=MinimumCutOptions(blocks=2))
     start_surface(plain_house.scene, plain_house.masks, [0, 1], reporter, 2, options)
     told = [m["figures"] for m in sent if m["type"] == "progress"]
     assert [figures["block"] for figures in told if "block" in figures] == ["1 of 2", "2 of 2"]

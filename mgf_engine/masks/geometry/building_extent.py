@@ -111,7 +111,8 @@ class BuildingExtent:
         columns = None
         self.plan = GroundPlan.of(scene.points[keep], features.up, options.plan) if keep.any() else None
         if keep.any():
-            spacing, walls_seen = float(np.median(features.spacing[keep])), looking_down(scene, options.gravity) is None
+            spacing = float(np.median(features.spacing[keep]))
+            walls_seen = looking_down(scene.views, options.gravity) is None
             over = Overhangs(scene.points[keep], features.up, spacing, walls_seen, options.overhangs)
             columns = Columns(over, ground)
         self.columns = make_surface(scene, features, keep, False, columns, fine, options.surface)

@@ -74,7 +74,7 @@ def measure_point_features(
     """
     points = scene.points
     count = len(points)
-    up = up_from_cameras(scene) if up is None else up
+    up = up_from_cameras(scene.views) if up is None else up
     k = min(options.neighbours, count - 1)
     if k < 1:
         zero, none = np.zeros(count), np.zeros(count, bool)

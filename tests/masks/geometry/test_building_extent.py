@@ -58,7 +58,7 @@ def at(plane: np.ndarray, view: View, point: list[float]) -> object:
 
 
 def test_up_and_normals(scene: Scene):
-    assert up_from_cameras(scene) @ [0, 0, 1] > 0.999
+    assert up_from_cameras(scene.views) @ [0, 0, 1] > 0.999
     features = measure_point_features(scene)
     upright = np.abs(features.normals @ features.up)
     assert np.median(upright[:WALL]) < 0.05 and np.median(upright[WALL:]) > 0.95
