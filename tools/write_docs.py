@@ -164,8 +164,17 @@ def _preset_table() -> Iterator[str]:
 def _option_tables() -> Iterator[str]:
     schema = options_schema()
     for section in schema["sections"]:
-        yield from ("", f"### {section}", "", "| option | default | meaning |", "|---|---|---|")
-        for entry in (o for o in schema["options"] if o["section"] == section):
+        entries = [o for o in schema["options"] if o["section"] == section]
+        expert = [o for o in entries if o["level"] == "expert"]
+        yield from ("", f"### {section}", *_option_table([o for o in entries if o not in expert]))
+        if expert:
+            yield from ("", "For experiments:", *_option_table(expert))
+
+
+def _option_table(entries: list[dict[str, Any]]) -> Iterator[str]:
+    if entries:
+        yield from ("", "| option | default | meaning |", "|---|---|---|")
+        for entry in entries:
             choices = f" (`{'`, `'.join(entry['choices'])}`)" if entry["choices"] else ""
             flag = "--" + entry["name"].replace("_", "-")
             yield f"| `{flag}` | {default_text(entry['default'], entry['unit'])} | {_cell(entry['help'])}{choices} |"

@@ -61,7 +61,7 @@ class MGF_PT_reconstruct(SidebarPanel, bpy.types.Panel):
         for name, option in options.OPTIONS.items():
             if name == "memory":
                 _draw_memory(column, state)
-            elif not option["advanced"]:
+            elif option["level"] == "basic":
                 column.prop(state.options, name)
         column.prop(state, "job_folder")
         column.prop(state, "import_when_done")
@@ -94,7 +94,7 @@ class MGF_PT_reconstruct(SidebarPanel, bpy.types.Panel):
 
 
 class MGF_PT_options(SidebarPanel, bpy.types.Panel):
-    """Every option of the engine"""
+    """More options of the engine; those for experiments are shown with Developer Extras"""
 
     bl_idname = "MGF_PT_options"
     bl_label = "Advanced Options"
@@ -105,8 +105,9 @@ class MGF_PT_options(SidebarPanel, bpy.types.Panel):
         layout, state = self.layout, context.scene.mgf
         layout.use_property_split = True
         layout.use_property_decorate = False
+        shown = _shown_options(state.options, context.preferences.view.show_developer_ui)
         for section, heading in options.SECTIONS.items():
-            names = [n for n, o in options.OPTIONS.items() if o["section"] == section and o["advanced"]]
+            names = [name for name in shown if options.OPTIONS[name]["section"] == section]
             if not names:
                 continue
             header, body = layout.panel(f"MGF_options_{section}", default_closed=True)
@@ -120,6 +121,17 @@ class MGF_PT_options(SidebarPanel, bpy.types.Panel):
                 if section == "masks":
                     column.prop(state, "masks_folder")
         layout.operator("mgf.reset_options", icon="LOOP_BACK")
+
+
+def _shown_options(values: bpy.types.PropertyGroup, experts: bool) -> list[str]:
+    """Return the options that the panel shows: also one for experts that is changed, as by a job that goes on."""
+    changed = options.changed(values)
+    levels = ("advanced", "expert") if experts else ("advanced",)
+    return [
+        name
+        for name, option in options.OPTIONS.items()
+        if option["level"] in levels or (option["level"] == "expert" and name in changed)
+    ]
 
 
 def _draw_option(layout: bpy.types.UILayout, values: bpy.types.PropertyGroup, name: str) -> None:

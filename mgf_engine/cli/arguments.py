@@ -215,6 +215,7 @@ def _add_inputs(parser: Parser, scenes: str | None = None) -> None:
 
 
 def _add_options(parser: Parser) -> None:
+    parser.epilog = "'mgf options' lists all options, those for experiments too; each has a flag."
     for section in SECTIONS:
         group = parser.add_argument_group(f"{section} options")
         for spec in (f for f in option_fields() if f.metadata["section"] == section):
@@ -222,10 +223,10 @@ def _add_options(parser: Parser) -> None:
 
 
 def _add_option(group: Any, spec: Any) -> argparse.Action:
-    """Add the flag of an option of the job to a parser or a group of its arguments."""
+    """Add the flag of an option of the job to a parser or a group of its arguments; help hides those of experts."""
     flag, meta = "--" + spec.name.replace("_", "-"), spec.metadata
     default = "" if spec.default == "" else f" (default {default_text(spec.default, meta['unit'])})"
-    help = f"{meta['help']}{default}".replace("%", "%%")
+    help = argparse.SUPPRESS if meta["level"] == "expert" else f"{meta['help']}{default}".replace("%", "%%")
     if isinstance(spec.default, bool):
         return group.add_argument(flag, action=argparse.BooleanOptionalAction, help=help)
     metavar = "{" + ",".join(meta["choices"]) + "}" if meta["choices"] else type(spec.default).__name__.upper()

@@ -41,7 +41,7 @@ def option(
     choices: tuple[str, ...] | None = None,
     unit: str = "",
     path: str = "",
-    advanced: bool = True,
+    level: str = "expert",
 ) -> Any:
     """Define a dataclass field with its section, help, limits and unit as metadata.
 
@@ -54,13 +54,14 @@ def option(
         choices: allowed values of a text option.
         unit: of the number, such as px.
         path: "file" or "folder" where the value is a path.
-        advanced: False for the options that users see first.
+        level: ``basic`` for what users see first, ``advanced`` for what help and panel show as well, ``expert`` for
+            experiments and ablations, which ``mgf options``, the docs and Blender's *Developer Extras* list.
     """
     return field(
         default=default,
         metadata={
             "section": section, "help": help, "low": low, "high": high, "choices": choices, "unit": unit, "path": path,
-            "advanced": advanced,
+            "level": level,
         },
     )  # fmt: skip
 
@@ -71,25 +72,25 @@ class Config:
 
     # fmt: off
     # run
-    preset: str = option("standard", "run", "Trade-off between time and quality", choices=("quick", "draft", "standard", "fine", "paper"), advanced=False)
-    device: str = option("auto", "run", "Device that trains the field", choices=("auto", "cpu", "cuda"), advanced=False)
-    threads: int = option(0, "run", "Number of worker threads; 0 uses all cores", low=0, high=256)
-    memory: float = option(0.0, "run", "Maximum memory of the job; 0 uses three quarters of the free memory", low=0, high=100_000, unit="GB", advanced=False)
-    blocks: int = option(1, "run", "Number of blocks in which a very large building is meshed, one after another; more blocks need less memory", low=1, high=1000)
+    preset: str = option("standard", "run", "Trade-off between time and quality", choices=("quick", "draft", "standard", "fine", "paper"), level="basic")
+    device: str = option("auto", "run", "Device that trains the field", choices=("auto", "cpu", "cuda"), level="basic")
+    threads: int = option(0, "run", "Number of worker threads; 0 uses all cores", low=0, high=256, level="advanced")
+    memory: float = option(0.0, "run", "Maximum memory of the job; 0 uses three quarters of the free memory", low=0, high=100_000, unit="GB", level="basic")
+    blocks: int = option(1, "run", "Number of blocks in which a very large building is meshed, one after another; more blocks need less memory", low=1, high=1000, level="advanced")
     seed: int = option(0, "run", "Random seed. The same seed and number of threads give the same mesh", low=0, high=2**31 - 1)
     checkpoint_seconds: float = option(60.0, "run", "Time between two checkpoints of the training", low=1, high=86400, unit="s")
 
     # scene
-    resolution: int = option(750, "scene", "Longest side of the working photos", low=64, high=8192, unit="px", advanced=False)
-    max_photos: int = option(0, "scene", "Maximum number of photos; 0 uses all. Photos with clicks are kept, the others are chosen by farthest-point sampling", low=0, high=100_000)
+    resolution: int = option(750, "scene", "Longest side of the working photos", low=64, high=8192, unit="px", level="basic")
+    max_photos: int = option(0, "scene", "Maximum number of photos; 0 uses all. Photos with clicks are kept, the others are chosen by farthest-point sampling", low=0, high=100_000, level="advanced")
     even_exposure: bool = option(True, "scene", "Equalize exposure and white balance of the photos by the sparse points they share")
     matching: str = option("auto", "scene", "Photo matching for structure from motion (photos without a COLMAP model)", choices=("auto", "exhaustive", "sequential"))
 
     # masks
-    use_masks: bool = option(True, "masks", "Mask the building; off meshes whole photos, and no step uses masks")
+    use_masks: bool = option(True, "masks", "Mask the building; off meshes whole photos, and no step uses masks", level="advanced")
     masked_points: bool = option(True, "masks", "Start from the sparse points on the building only (ablation b)")
-    segmenter: str = option("auto", "masks", "Segmentation method of the masks", choices=("auto", "random_walker", "efficientsam"))
-    weights: str = option("", "masks", "Folder of the EfficientSAM weights; empty uses the user's cache folder", path="folder")
+    segmenter: str = option("auto", "masks", "Segmentation method of the masks", choices=("auto", "random_walker", "efficientsam"), level="advanced")
+    weights: str = option("", "masks", "Folder of the EfficientSAM weights; empty uses the user's cache folder", path="folder", level="advanced")
     second_level: str = option("auto", "masks", "Segment elements of the building (windows, doors, parts of walls); auto does so if a part was clicked or a loss needs them", choices=("auto", "on", "off"))
     voters: str = option("all", "masks", "Masks that vote on points and Gaussians (eq. 3 and 22): of all photos, or only of the root photos, which have clicks", choices=("all", "roots"))
     strict_vote: bool = option(False, "masks", "Require a point to lie inside every root mask (eq. 3 as printed)")
@@ -102,7 +103,7 @@ class Config:
     iterations: int = option(0, "field", "Number of training iterations; 0 computes it from passes and the number of photos", low=0, high=1_000_000)
     passes: int = option(50, "field", "Training iterations per photo; fewer than 20 photos count as 20, more than 60 as 60. 0 skips the training", low=0, high=1000)
     holdout_every: int = option(8, "field", "Keep every n-th photo out of training, to measure the quality; 0 trains on all photos", low=0, high=1000)
-    max_gaussians: int = option(120_000, "field", "Maximum number of Gaussians", low=100, high=10_000_000)
+    max_gaussians: int = option(120_000, "field", "Maximum number of Gaussians", low=100, high=10_000_000, level="advanced")
     start: str = option("surface", "field", "Initial position of the Gaussians: a surface from edges, planes and stereo, dense points by stereo, or the sparse points", choices=("surface", "dense", "sparse"))
     sh_degree: int = option(2, "field", "Degree of the spherical harmonics (view-dependent colour)", low=0, high=3)
     coarse_to_fine: bool = option(True, "field", "Train on downscaled photos first, on the full working resolution at the end")
@@ -146,28 +147,28 @@ class Config:
     span_dents: bool = option(True, "mesh", "Fill dents that no photo confirms with a smooth membrane spanned over their rim")
     smoothing: int = option(2, "mesh", "Number of smoothing rounds over the raw surface; 0 turns it off", low=0, high=1000)
     flatten: bool = option(True, "mesh", "Project nearly planar regions onto their planes, and vertices between two planes onto their common edge")
-    openings: bool = option(True, "mesh", "Cut windows, doors and niches of flat walls as rectangles, with their edges where the photos have them (with flatten only)")
+    openings: bool = option(True, "mesh", "Cut windows, doors and niches of flat walls as rectangles, with their edges where the photos have them (with flatten only)", level="advanced")
     face_error: float = option(0.25, "mesh", "Maximum distance between the simplified and the full mesh, in pixels of the nearest photo; 0 only keeps to max_faces", low=0, high=100, unit="px")
     color_error: float = option(8.0, "mesh", "Maximum colour error of the simplified mesh (root mean square); 256 simplifies by shape alone", low=0, high=256, unit="grey levels")
-    max_faces: int = option(1_000_000, "mesh", "Maximum number of faces, whatever color_error and face_error say; 0 for no limit", low=0, high=100_000_000, advanced=False)
-    min_component: float = option(0.01, "mesh", "Minimum size of a separate part, as a share of the area of the largest part and of its pixels in the photos", low=0, high=1)
-    crop_box: str = option("", "mesh", "Crop box in the scene frame: 6 numbers (minimum and maximum corner), 16 (matrix of the cube -1..1, row by row), or a file of them; empty for none")
-    close_bottom: bool = option(False, "mesh", "Close the mesh at the bottom, where the building meets the ground")
+    max_faces: int = option(1_000_000, "mesh", "Maximum number of faces, whatever color_error and face_error say; 0 for no limit", low=0, high=100_000_000, level="basic")
+    min_component: float = option(0.01, "mesh", "Minimum size of a separate part, as a share of the area of the largest part and of its pixels in the photos", low=0, high=1, level="advanced")
+    crop_box: str = option("", "mesh", "Crop box in the scene frame: 6 numbers (minimum and maximum corner), 16 (matrix of the cube -1..1, row by row), or a file of them; empty for none", level="advanced")
+    close_bottom: bool = option(False, "mesh", "Close the mesh at the bottom, where the building meets the ground", level="advanced")
 
     # deliver
-    texture: bool = option(True, "deliver", "Make a texture from the photos at full size; Blender, OBJ and GLB show it", advanced=False)
-    texture_size: int = option(4096, "deliver", "Maximum side of the texture; smaller where the photos show no more detail", low=256, high=16384, unit="px")
-    export_obj: bool = option(False, "deliver", "Also write mesh.obj")
-    export_glb: bool = option(False, "deliver", "Also write mesh.glb")
-    render_all: bool = option(False, "deliver", "Render the views of all photos, not only of the held-out ones")
+    texture: bool = option(True, "deliver", "Make a texture from the photos at full size; Blender, OBJ and GLB show it", level="basic")
+    texture_size: int = option(4096, "deliver", "Maximum side of the texture; smaller where the photos show no more detail", low=256, high=16384, unit="px", level="advanced")
+    export_obj: bool = option(False, "deliver", "Also write mesh.obj", level="advanced")
+    export_glb: bool = option(False, "deliver", "Also write mesh.glb", level="advanced")
+    render_all: bool = option(False, "deliver", "Render the views of all photos, not only of the held-out ones", level="advanced")
 
     # georef
-    gps: str = option("auto", "georef", "Use the GPS positions of the photos for scale, up and north; needs at least four positions that are not on a line", choices=("auto", "off"))
-    crs: str = option("", "georef", "Coordinate reference system of the results, such as EPSG:25832; auto for the UTM zone, empty for a local frame in metres")
-    control: str = option("", "georef", "Control and check points: name, east, north, height, accuracy, role (CSV, or the files of Metashape or OpenDroneMap)", path="file")
-    marks: str = option("", "georef", "Positions of the points in the photos: name, photo, x, y in pixels of the original photo (CSV)", path="file")
-    scale_bars: str = option("", "georef", "Distances between marked points: from, to, metres (CSV)", path="file")
-    control_adjust: bool = option(True, "georef", "Adjust the cameras to the control points (bundle adjustment); off only aligns the scene with them")
+    gps: str = option("auto", "georef", "Use the GPS positions of the photos for scale, up and north; needs at least four positions that are not on a line", choices=("auto", "off"), level="advanced")
+    crs: str = option("", "georef", "Coordinate reference system of the results, such as EPSG:25832; auto for the UTM zone, empty for a local frame in metres", level="advanced")
+    control: str = option("", "georef", "Control and check points: name, east, north, height, accuracy, role (CSV, or the files of Metashape or OpenDroneMap)", path="file", level="advanced")
+    marks: str = option("", "georef", "Positions of the points in the photos: name, photo, x, y in pixels of the original photo (CSV)", path="file", level="advanced")
+    scale_bars: str = option("", "georef", "Distances between marked points: from, to, metres (CSV)", path="file", level="advanced")
+    control_adjust: bool = option(True, "georef", "Adjust the cameras to the control points (bundle adjustment); off only aligns the scene with them", level="advanced")
     # fmt: on
 
     #: Options of the algorithms that differ from their defaults, ``section.name`` -> value.

@@ -71,7 +71,7 @@ class Recorder:
         self._say(text, translate)
 
     def panel(self, name, default_closed=False):
-        return Recorder(self.texts, self.operators), Recorder(self.texts, self.operators)
+        return Recorder(self.texts, self.operators, self.props), Recorder(self.texts, self.operators, self.props)
 
     def template_list(self, *_, **__):
         pass

@@ -108,6 +108,23 @@ def test_memory_is_limited_by_a_tick(addon, engine, house):
     assert addon.options.memory == 0 and "memory" not in " ".join(job_options(bpy.context.scene, house.folder / "job"))
 
 
+def test_options_for_experiments_are_shown_to_developers_and_where_a_job_set_them(addon, engine, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    view = bpy.context.preferences.view
+    assert not view.show_developer_ui
+    shown = draw(MGF_PT_options).props
+    assert "max_gaussians" in shown and "texture_size" in shown and "resolution" not in shown
+    assert "smoothing" not in shown and len(shown) < 25
+    addon.options.smoothing += 1
+    assert "smoothing" in draw(MGF_PT_options).props
+    addon.options.property_unset("smoothing")
+    view.show_developer_ui = True
+    try:
+        assert {"smoothing", "max_gaussians", "densify_from"} <= set(draw(MGF_PT_options).props)
+    finally:
+        view.show_developer_ui = False
+
+
 def test_running_waiting_and_cancelled(addon, engine, house, marked):
     engine("slow")
     runner.submit(make_job(bpy.context.scene))

@@ -1,19 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Arguments of the command line: help, and mistakes named with what was meant."""
 
+import argparse
 import re
 
 import pytest
 
-from mgf_engine.cli.arguments import Parser, make_parser
+from mgf_engine.cli.arguments import Parser, make_parser, parse_arguments
 from mgf_engine.cli.main import main
 from tests.support.command_line import mgf
 
 
-def test_help_lists_every_option() -> None:
+def test_help_lists_the_options_of_daily_work_and_names_the_list_of_the_others() -> None:
     text = mgf("reconstruct", "--help").stdout
-    for name in ("--max-gaussians", "--no-screening", "--cancel-on-eof", "--resume"):
+    for name in ("--max-gaussians", "--no-openings", "--cancel-on-eof", "--resume", "'mgf options' lists all options"):
         assert name in text
+    assert "--no-screening" not in text and text.count("\n  --") < 45
+
+
+def test_options_for_experiments_have_flags_too() -> None:
+    parsed = parse_arguments(["reconstruct", "scene", "--out", "job", "--no-screening", "--smoothing", "3"])
+    assert parsed.screening is False and parsed.smoothing == "3"
 
 
 @pytest.mark.parametrize(
@@ -37,7 +44,8 @@ def test_the_parser_lists_every_argument_that_its_help_shows() -> None:
     for name in ("reconstruct", "models", "georef", "estimate"):
         parser, help = commands[name]
         shown = set(re.findall(r"(?<![\w-])--[a-z][\w-]*", parser.format_usage() + _flags_in_help(parser)))
-        listed = {flag for action in parser.arguments for flag in action.option_strings if flag.startswith("--")}
+        known = (action for action in parser.arguments if action.help != argparse.SUPPRESS)
+        listed = {flag for action in known for flag in action.option_strings if flag.startswith("--")}
         assert help and listed == shown
 
 

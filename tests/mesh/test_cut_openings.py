@@ -98,7 +98,7 @@ def cave():
     mesh = sloped(depth=12.0)
     at = mesh.vertices.copy()
     at[:, 0] += 30 * np.clip((-at[:, 2] / 12 - 0.5) * 2, 0, 1) * (at[:, 0] > 65)
-    assert at[at[:, 2] < -6, 0].max() > BOX[2] + max(CutOptions().margins)
+    assert at[at[:, 2] < -6, 0].max() > BOX[2] + max(OpeningCutOptions().margins)
     return replace(mesh, vertices=at)
 
 
