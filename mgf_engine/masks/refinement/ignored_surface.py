@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.points import LabelMaps, observed_pixels
-from mgf_engine.masks.prompts import Clicks, Prompts
+from mgf_engine.masks.prompts import Prompts
 from mgf_engine.model.masks import IGNORE
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
@@ -29,6 +29,7 @@ class IgnoredSurfaceOptions:
     photos: int = parameter(3, "Minimum number of photos that ignore a point on the surface, and none that does not",
                             low=1)  # fmt: skip
     points: int = parameter(5, "Minimum number of such points in a piece of a mask", low=1)
+    share: float = parameter(0.5, "Minimum share of a piece's points that are such points", high=1)
 
 
 def find_ignored_surface(
@@ -46,7 +47,8 @@ def find_ignored_surface(
         labels: label maps of all views, uint8 [H, W] each.
         on_surface: of each view, which of its observations lie on the building's surface or behind it, bool [N].
         voters: views whose masks are good enough to vote.
-        prompts: clicks by view index; a piece with a click beside the building stays ignored.
+        prompts: clicks by view index; a piece with a click beside the building stays ignored, and so does what other
+            photos show of it.
         options: fewest photos and points.
     """
     count = len(scene.points)
@@ -61,19 +63,28 @@ def find_ignored_surface(
         seen = scene.track_point[scene.observations(index)]
         if points[seen].any():
             points[seen[~on_surface[index]]] = False
-    return [
-        _pieces(label, observed_pixels(scene, index, points), prompts.get(index, Clicks()).negative, options.points)
-        for index, label in enumerate(labels)
-    ]
+    for index, clicks in prompts.items():
+        piece, here = _pieces(labels[index]), scene.observations(index)
+        beside = (piece > 0) & np.isin(piece, piece[pixel_at(piece.shape, clicks.negative)])
+        points[scene.track_point[here][beside[pixel_at(piece.shape, scene.track_uv[here])]]] = False
+    return [_held(scene, index, label, points, options) for index, label in enumerate(labels)]
 
 
-def _pieces(
-    label: NDArray[np.uint8], seen: NDArray[np.float32], beside: NDArray[np.float64], least: int
+def _held(
+    scene: Scene, index: int, label: NDArray[np.uint8], points: NDArray[np.bool_], options: IgnoredSurfaceOptions
 ) -> NDArray[np.bool_]:
-    """Return the ignored pieces with at least so many pixels of ``seen`` [N, 2] and none of ``beside``, bool [H, W]."""
-    if len(seen) < least:
+    """Return the ignored pieces of a mask with enough observations of ``points`` [P] among all, bool [H, W]."""
+    own = observed_pixels(scene, index, points)
+    if len(own) < options.points:
         return np.zeros(label.shape, bool)
-    number, piece = cv2.connectedComponents((label == IGNORE).astype(np.uint8), connectivity=4)
-    held = np.bincount(np.asarray(piece)[pixel_at(label.shape, seen)], minlength=number) >= least
-    held[np.asarray(piece)[pixel_at(label.shape, beside)]] = held[0] = False
+    piece, seen = _pieces(label), scene.track_uv[scene.observations(index)]
+    number = int(piece.max()) + 1
+    count, every = (np.bincount(piece[pixel_at(label.shape, uv)], minlength=number) for uv in (own, seen))
+    held = (count >= options.points) & (count >= options.share * every)
+    held[0] = False
     return np.asarray(held[piece], bool)
+
+
+def _pieces(label: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Label the connected ignored pieces of a mask from 1 on; 0 elsewhere, [H, W]."""
+    return np.asarray(cv2.connectedComponents((label == IGNORE).astype(np.uint8), connectivity=4)[1], np.int32)

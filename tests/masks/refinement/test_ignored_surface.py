@@ -39,12 +39,12 @@ def found(
     on_surface: bool = True,
     voters: range = range(4),
     prompts: Prompts = NO_CLICKS,
-    **options: int,
+    **options: float,
 ) -> list[int]:
     """How many pixels of each mask are the building."""
 
     surface = [np.full(len(SCENE.observations(index)), on_surface) for index in range(len(VIEWS))]
-    pieces = find_ignored_surface(SCENE, labels, surface, voters, prompts, IgnoredSurfaceOptions(**options))
+    pieces = find_ignored_surface(SCENE, labels, surface, voters, prompts, IgnoredSurfaceOptions(**options))  # type: ignore[arg-type]
     return [int(piece.sum()) for piece in pieces]
 
 
@@ -66,10 +66,18 @@ def test_a_photo_that_shows_the_place_as_something_else_contradicts() -> None:
     assert found(labels, voters=range(2), photos=2)[:2] == [50, 50], "its mask does not vote"
 
 
-def test_a_click_beside_the_building_keeps_its_piece_ignored() -> None:
+def test_a_click_beside_the_building_keeps_its_piece_ignored_in_all_photos() -> None:
     labels = masks(-0.2)
     inside = np.argwhere(labels[1] == IGNORE)[:1, ::-1] + 0.5
-    assert found(labels, prompts={1: Clicks(np.zeros((0, 2)), inside)}) == [50, 0, 50, 50]
+    assert found(labels, prompts={1: Clicks(np.zeros((0, 2)), inside)}) == [0, 0, 0, 0]
+
+
+def test_a_hedge_beside_a_door_stays_ignored() -> None:
+    """It hangs together with the door in one photo, in which the whole piece had become building."""
+    labels = masks(-0.2)
+    labels[0][:, : int(np.flatnonzero((labels[0] == IGNORE).any(0))[0])] = IGNORE
+    assert found(labels, share=0.0) == [130, 50, 50, 50]
+    assert found(labels) == [0, 50, 50, 50]
 
 
 @pytest.mark.parametrize("change", [{"on_surface": False}, {"photos": 5}, {"points": 1000}])
