@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from benchmarks.job_table import print_job_table
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades, plan_frame
+from mgf_engine.drawings.ground import find_ground_level
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import DrawingFrame, Polyline
 from mgf_engine.drawings.openings import elevation_photos
@@ -128,13 +129,14 @@ def score(job: Path, scene: Path) -> Score:
     survey = read_survey(job, options=config.algorithm(UpOptions))
     planes = survey_planes(survey, config.algorithm(PlanarOptions))
     facades = find_facades(survey, config.algorithm(FacadeOptions))
+    ground = find_ground_level(survey, facades)
     options = config.algorithm(TextureOptions)
     painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options)
     visibility = Visibility(survey, painting)
     photos = elevation_photos(survey, painting, visibility, config.algorithm(PhotoLineOptions))
     scores = []
     for frame in (*(facade.frame for facade in facades), plan_frame(survey, facades)):
-        drawing = draw_elevation(survey, planes, frame, config.algorithm(ElevationOptions), photos)
+        drawing = draw_elevation(survey, planes, frame, config.algorithm(ElevationOptions), photos, ground)
         at = frame.to_drawing(survey.local(truth.vertices))
         edges = true_edges(at, truth.faces, frame, survey.working_pixel)
         scores.append(compare(drawing.lines, edges, survey.working_pixel))

@@ -22,6 +22,7 @@ from benchmarks.job_table import print_job_table
 from benchmarks.shapes import Part
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation
 from mgf_engine.drawings.facades import FacadeOptions, find_facades
+from mgf_engine.drawings.ground import find_ground_level
 from mgf_engine.drawings.load import UpOptions, read_survey
 from mgf_engine.drawings.model import DrawingFrame, Survey
 from mgf_engine.drawings.openings import elevation_photos
@@ -123,9 +124,10 @@ def score(job: Path, scene: Path, spec: dict[str, Any]) -> Score:
     painting = choose_painting(survey.normalised, survey.scene, survey.masks, options=options)
     visibility = Visibility(survey, painting)
     photos = elevation_photos(survey, painting, visibility, config.algorithm(PhotoLineOptions))
-    scores = []
-    for facade in find_facades(survey, config.algorithm(FacadeOptions)):
-        drawing = draw_elevation(survey, planes, facade.frame, config.algorithm(ElevationOptions), photos)
+    facades = find_facades(survey, config.algorithm(FacadeOptions))
+    scores, ground = [], find_ground_level(survey, facades)
+    for facade in facades:
+        drawing = draw_elevation(survey, planes, facade.frame, config.algorithm(ElevationOptions), photos, ground)
         true = boxes_in(openings, facade.frame, survey, truth)
         scores.append(compare(true, np.array(drawing.openings).reshape(-1, 4)))
     return Score(

@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from mgf_engine.drawings.foot import FootOptions, cut_at_ground
+from mgf_engine.drawings.ground import GroundLevel
 from mgf_engine.drawings.merge_regions import RegionMergingOptions, merge_regions
 from mgf_engine.drawings.merge_segments import merge_segments
 from mgf_engine.drawings.model import (
@@ -54,6 +56,7 @@ class ElevationOptions:
     overhangs: OutlineOverhangOptions = OutlineOverhangOptions()
     rectangles: RectangleOptions = RectangleOptions()
     photo_lines: PhotoLineOptions = PhotoLineOptions()
+    foot: FootOptions = FootOptions()
     walls: ElevationWallOptions = ElevationWallOptions()
 
 
@@ -63,6 +66,7 @@ def draw_elevation(
     frame: DrawingFrame,
     options: ElevationOptions = ElevationOptions(),
     photos: ElevationPhotos | None = None,
+    ground: GroundLevel | None = None,
 ) -> LineDrawing:
     """Draw what a frame shows, as lines.
 
@@ -72,12 +76,16 @@ def draw_elevation(
         frame: plane and extent of the drawing.
         options: limits of edges and creases.
         photos: to take edges of openings and of planes from; None takes them from the mesh.
+        ground: around the building, where elevations end; None draws what the mesh has below it, too.
     """
     regions = find_regions(survey, planes, frame, options.regions)
     seen = render_grid(survey, regions.grid)
     merge_regions(regions, seen, survey, options.merging)
     boxes = _openings(survey, regions, seen, options, photos)
     given = plane_lines(survey, planes, frame, options.plane_lines)
+    foot = cut_at_ground(regions, ground, survey.working_pixel, options.foot) if ground and _is_upright(frame) else None
+    if foot is not None:
+        given = np.concatenate([given, foot])
     chains = trace(regions.label)
     kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
     slack = options.walls.openings.side * survey.working_pixel / regions.grid.resolution
@@ -105,7 +113,7 @@ def draw_elevation(
         strokes.append(stroke)
         borders.append((stroke, chain))
     if photos is not None:
-        moves = find_moves(borders, regions, survey, photos.lines, options.photo_lines)
+        moves = find_moves(borders, regions, survey, photos.lines, options.photo_lines, foot)
         move_lines([stroke for stroke, _ in borders], moves, places, survey.working_pixel, options.straightening)
     join_ends(strokes, places, survey.working_pixel, options.straightening)
     lines = _merged(

@@ -23,10 +23,12 @@ class GroundLevel:
     Attributes:
         height: in the local frame.
         source: what tells it, points of the ``TERRAIN`` around the building or the lower end of the ``MESH``.
+        spread: distance between the quartiles of the terrain's heights; 0 where the mesh tells it.
     """
 
     height: float
     source: str
+    spread: float = 0.0
 
 
 def find_ground_level(survey: Survey, facades: list[Facade]) -> GroundLevel:
@@ -63,4 +65,4 @@ def find_ground_level_around(survey: Survey, inside: NDArray[np.bool_], grid: Gr
         return GroundLevel(bottom, MESH)
     low, found, high = np.percentile(points[near, 2], (25, 50, 75)).tolist()
     level = high - low < 0.1 * height and abs(found - bottom) < 0.15 * height
-    return GroundLevel(found, TERRAIN) if level else GroundLevel(bottom, MESH)
+    return GroundLevel(found, TERRAIN, high - low) if level else GroundLevel(bottom, MESH)

@@ -167,7 +167,7 @@ def _draw_frame(
         parts = part_lines(part_shares(survey, painting, visibility, seen, outlines), seen.grid, outlines)
         if work.wants("elevations", "sheets"):
             photos = elevation_photos(survey, painting, visibility, work.config.algorithm(PhotoLineOptions))
-            lines = draw_elevation(survey, planes, frame, work.config.algorithm(ElevationOptions), photos)
+            lines = draw_elevation(survey, planes, frame, work.config.algorithm(ElevationOptions), photos, work.ground)
             drawing = with_parts(lines, parts)
         if drawing is not None and work.wants("elevations"):
             write_lines(work, "roof" if facade is None else f"elevation-{frame.name}", drawing, "elevation")

@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.drawings.line_planes import EdgeOfPlane, edge_of_plane
 from mgf_engine.drawings.model import Array, Survey
-from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionMap
+from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.drawings.straighten import FittedSegment, StraightenOptions, Stroke, crossing
 from mgf_engine.drawings.trace import Chain
 from mgf_engine.geometry.normals import unit_vectors
@@ -29,9 +30,6 @@ from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
 
-_BESIDE = (2.0, 4.0, 6.0)  # ground pixels beside a line at which its plane is looked for
-_PLACES = 40  # along it
-_CLEAR = 0.17  # share of these by which its plane has to lie rather on one side
 _AROUND = np.ones((3, 3), np.uint8)
 _RIDGE = 0.1  # keeps corners in place along lines, of which two may be nearly parallel
 
@@ -51,6 +49,12 @@ class PhotoLineOptions:
     spread_known: float = parameter(1.2, "Standard deviation of its distance from a line that planes give", "ground px",
                                     low=0.01)  # fmt: skip
     farthest_known: float = parameter(2.0, "Maximum distance from a line that planes give", "ground px")
+    overhang: float = parameter(
+        14.0, "Maximum distance of eaves beyond the line at which the mesh has the roof end", "ground px"
+    )
+    spread_eaves: float = parameter(8.0, "Standard deviation of that distance", "ground px", low=0.01)
+    roof: tuple[float, float] = parameter((10.0, 75.0), "Least and largest slope of a roof, which has eaves", "degrees",
+                                          high=90)  # fmt: skip
     contrast: float = parameter(0.25, "Minimum mean gradient of the edge; the largest in each photo is 1", high=1)
     same_line: float = parameter(0.6, "Distance within which level or upright lines are one and move together",
                                  "ground px")  # fmt: skip
@@ -65,10 +69,17 @@ class PhotoLineOptions:
 
 
 class Move(NamedTuple):
-    """How far a line moves: ``distance`` along the unit vector ``across`` [2], drawing coordinates."""
+    """How a line moves, drawing coordinates.
+
+    Attributes:
+        across: unit vector, [2].
+        distance: along it.
+        along: unit direction of the line that was moved, [2]; eaves are turned.
+    """
 
     across: Array
     distance: float
+    along: Array
 
     @property
     def vector(self) -> Array:
@@ -121,16 +132,19 @@ class _Line(NamedTuple):
     Attributes:
         stroke: number of the stroke.
         segment: number of the segment in it.
-        fitted: the segment.
-        across: unit vector towards its plane, [2].
+        edge: the segment, and its plane.
         pieces: numbers of its strips.
     """
 
     stroke: int
     segment: int
-    fitted: FittedSegment
-    across: Array
+    edge: EdgeOfPlane
     pieces: range
+
+    @property
+    def place(self) -> float:
+        """Where it lies across itself, towards its plane."""
+        return float(self.edge.segment.at @ self.edge.across)
 
 
 def find_moves(
@@ -139,6 +153,7 @@ def find_moves(
     survey: Survey,
     photos: EdgePhotos,
     options: PhotoLineOptions = PhotoLineOptions(),
+    foot: Array | None = None,
 ) -> list[dict[int, Move]]:
     """Find how far the segments of strokes lie from the edges of planes in the photos.
 
@@ -148,6 +163,8 @@ def find_moves(
         survey: converts to the normalised frame.
         photos: to look at.
         options: limits.
+        foot: the line of the ground as :func:`mgf_engine.drawings.plane_lines.plane_lines` has them, [1, 5]; segments
+            on it stay.
 
     Returns:
         For each stroke the moves of those segments that an edge was found for; level or upright ones on one line move
@@ -155,16 +172,19 @@ def find_moves(
     """
     pixel = survey.working_pixel
     offsets = np.arange(-options.reach, options.reach + 0.5 * STEP, STEP)
+    outward = options.overhang + 1.0 - options.reach
     found, strips = list[_Line](), list[EdgeStrip]()
     for row, (stroke, chain) in enumerate(lines):
         for k, segment in enumerate(stroke.segments):
             ends = stroke.points[k : k + 2]
-            label = _nearer_plane(chain, ends.mean(0), regions)
-            across = None if label is None else _towards(label, ends, regions, pixel)
-            if label is None or across is None or np.hypot(*(ends[1] - ends[0])) < options.least * pixel:
+            if np.hypot(*(ends[1] - ends[0])) < options.least * pixel or _is_on(foot, ends, 0.1 * pixel):
                 continue
-            pieces = _strips(ends, across, plane_frame(regions, label, survey), pixel, offsets, options)
-            found.append(_Line(row, k, segment, across, range(len(strips), len(strips) + len(pieces))))
+            edge = edge_of_plane(segment, ends, chain, regions, pixel, options.roof)
+            if edge is None:
+                continue
+            frame, at = plane_frame(regions, edge.label, survey), offsets - outward * edge.eaves
+            pieces = _strips(edge.ends, edge.across, frame, pixel, at, options)
+            found.append(_Line(row, k, edge, range(len(strips), len(strips) + len(pieces))))
             strips += pieces
     curves = mean_gradients(strips, photos, options)
     moves: list[dict[int, Move]] = [{} for _ in lines]
@@ -173,53 +193,43 @@ def find_moves(
         known = curves[rows][np.isfinite(curves[rows, 0])]
         if len(known) < options.shown * len(rows):
             continue
-        distance = _edge_in(known.mean(0), offsets, any(line.fitted.known for line in group), options)
+        mean = known.mean(0)
+        if group[0].edge.eaves:
+            distance = _edge_in(mean, offsets - outward, options.spread_eaves, options.overhang, options.contrast)
+        elif any(line.edge.segment.known for line in group):
+            distance = _edge_in(mean, offsets, options.spread_known, options.farthest_known, options.contrast)
+        else:
+            distance = _edge_in(mean, offsets, options.spread, options.farthest, options.contrast)
         if distance is not None:
-            place = np.average([line.fitted.at @ line.across for line in group], weights=[len(x.pieces) for x in group])
+            place = np.average([line.place for line in group], weights=[len(line.pieces) for line in group])
             for line in group:
-                off = float(place - line.fitted.at @ line.across) if len(group) > 1 else 0.0
-                moves[line.stroke][line.segment] = Move(line.across, distance * pixel + off)
+                off = float(place) - line.place if len(group) > 1 else 0.0
+                moves[line.stroke][line.segment] = Move(
+                    line.edge.across, distance * pixel + off, line.edge.segment.along
+                )
     return moves
+
+
+def _is_on(line: Array | None, ends: Array, near: float) -> bool:
+    """Tell whether both ends [2, 2] of a segment are within a distance of a line [1, 5]."""
+    return line is not None and bool((np.abs(ends @ line[0, :2] + line[0, 2]) < near).all())
 
 
 def _on_one_line(lines: Sequence[_Line], apart: float) -> list[list[_Line]]:
     """Return lines in groups: level or upright ones that are within a distance of one line, with planes on one side."""
     groups = list[list[_Line]]()
-    ordered = sorted(lines, key=lambda line: float(line.fitted.at @ line.across))
-    for line in ordered:
-        alone = not (line.fitted.level or line.fitted.upright)
-        place = float(line.fitted.at @ line.across)
-        for group in [] if alone else groups:
-            first = group[0]
-            same = first.fitted.level == line.fitted.level and first.fitted.upright == line.fitted.upright
-            if same and first.across @ line.across > 0 and place - float(first.fitted.at @ first.across) <= apart:
+    for line in sorted(lines, key=lambda line: line.place):
+        own = line.edge.segment
+        for group in groups if own.level or own.upright else []:
+            first = group[0].edge
+            same = first.segment.level == own.level and first.segment.upright == own.upright
+            same &= first.eaves == line.edge.eaves
+            if same and first.across @ line.edge.across > 0 and line.place - group[0].place <= apart:
                 group.append(line)
                 break
         else:
             groups.append([line])
     return groups
-
-
-def _nearer_plane(chain: Chain, at: Array, regions: RegionMap) -> int | None:
-    """Return the label of the plane on the nearer side of a border at a point [2]; None where it is loose."""
-    labels = [label for label in (chain.low, chain.high) if label not in (NOTHING, LOOSE)]
-    return max(labels, key=lambda label: float(regions.before(label, at[None])[0]), default=None)
-
-
-def _towards(label: int, ends: Array, regions: RegionMap, pixel: float) -> Array | None:
-    """Return the unit vector [2] across a line [2, 2] to the side where a region lies; None if that is unclear."""
-    span = ends[1] - ends[0]
-    across = np.array([-span[1], span[0]]) / max(float(np.hypot(*span)), 1e-300)
-    along = ends[0] + (np.arange(_PLACES)[:, None] + 0.5) / _PLACES * span
-    shares = []
-    for sign in (1.0, -1.0):
-        at = np.concatenate([along + sign * beside * pixel * across for beside in _BESIDE])
-        column, row = np.floor(regions.grid.pixels(at)).astype(np.int64).T
-        inside = (row >= 0) & (row < regions.grid.height) & (column >= 0) & (column < regions.grid.width)
-        shares.append((regions.label[row[inside], column[inside]] == label).sum() / len(at))
-    if abs(shares[0] - shares[1]) < _CLEAR:
-        return None
-    return across if shares[0] > shares[1] else -across
 
 
 def _strips(
@@ -247,19 +257,19 @@ def _strips(
     return [EdgeStrip(frame, piece, across) for piece in points]
 
 
-def _edge_in(gradient: Array, offsets: Array, known: bool, options: PhotoLineOptions) -> float | None:
+def _edge_in(gradient: Array, offsets: Array, spread: float, farthest: float, contrast: float) -> float | None:
     """Return the offset of an edge in a mean gradient [n]: of its maxima the one that, times a normal distribution, is
     largest; None where none is large enough.
 
     Args:
         gradient: at ``offsets``.
         offsets: distances from the line, ground pixels, evenly spaced [n].
-        known: whether planes of the mesh give the line.
-        options: the distribution, and how large a gradient has to be.
+        spread: standard deviation of the distribution, around 0.
+        farthest: maximum distance of the edge from 0.
+        contrast: minimum gradient.
     """
-    spread, farthest = (options.spread_known, options.farthest_known) if known else (options.spread, options.farthest)
     left, middle, right = gradient[:-2], gradient[1:-1], gradient[2:]
-    peak = (left < middle) & (middle >= right) & (middle >= options.contrast)
+    peak = (left < middle) & (middle >= right) & (middle >= contrast)
     rows = np.flatnonzero(peak & (np.abs(offsets[1:-1]) <= farthest)) + 1
     if not len(rows):
         return None
@@ -291,7 +301,7 @@ def move_lines(
         last, old = len(stroke.segments) - 1, stroke.points.copy()
         for k, move in own.items():
             segment = stroke.segments[k]
-            stroke.segments[k] = FittedSegment(segment.at + move.vector, segment.along, segment.length, known=True)
+            stroke.segments[k] = FittedSegment(segment.at + move.vector, move.along, segment.length, known=True)
         for k in range(0 if stroke.closed else 1, last + 1):
             beside = [own[row] for row in ((k - 1) % (last + 1), k) if row in own]
             if beside and last > 0:
@@ -302,7 +312,7 @@ def move_lines(
             continue
         for end, k in ((0, 0), (-1, last)):
             if k in own:
-                stroke.points[end] = old[end] + own[k].vector
+                stroke.points[end] = stroke.segments[k].nearest(old[end])
                 ending.setdefault(stroke.ends[end], []).append(own[k])
     for place, members in ending.items():
         places[place] = places[place] + _together(members)

@@ -176,22 +176,24 @@ def crossing(
         segments: lines that meet there.
         place: [2], drawing coordinates.
         pixel: a ground pixel.
-        options: how far from the place they may cross.
+        options: how far from the place they may cross; where it is further, the nearest points of the lines count.
     """
     matrix, right = 1e-9 * np.eye(2), 1e-9 * place
-    for segment in segments:
+    weights = [s.length * (100.0 if s.known or s.upright or s.level else 1.0) for s in segments]
+    for segment, weight in zip(segments, weights, strict=True):
         across = np.array([-segment.along[1], segment.along[0]])
-        weight = segment.length * (100.0 if segment.known or segment.upright or segment.level else 1.0)
         matrix = matrix + weight * np.outer(across, across)
         right = right + weight * across * float(across @ segment.at)
     steepest = max(
         (abs(turn(a.along, b.along)) for k, a in enumerate(segments) for b in segments[k + 1 :]), default=0.0
     )
-    mean = np.mean([segment.nearest(place) for segment in segments], axis=0)
+    nearest = [segment.nearest(place) for segment in segments]
     if steepest < np.sin(np.radians(options.crossing_angle)):
-        return np.asarray(mean)
+        return np.asarray(np.mean(nearest, axis=0))
     found = np.linalg.solve(matrix, right)
-    return np.asarray(found if np.hypot(*(found - place)) <= options.meeting_distance * pixel else mean, np.float64)
+    if np.hypot(*(found - place)) > options.meeting_distance * pixel:
+        found = np.average(nearest, axis=0, weights=weights)
+    return np.asarray(found, np.float64)
 
 
 def join_ends(

@@ -155,6 +155,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("region_merging", "drawings", "Regions of drawings whose border is none on the building", "drawings.merge_regions:RegionMergingOptions"),
     Algorithm("plane_lines", "drawings", "Lines of drawings that planes of the mesh give", "drawings.plane_lines:PlaneLineOptions"),
     Algorithm("outline_overhangs", "drawings", "Undersides of overhangs in outlines", "drawings.overhangs:OutlineOverhangOptions"),
+    Algorithm("foot", "drawings", "Foot of buildings in elevations", "drawings.foot:FootOptions"),
     Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),
     Algorithm("rectangles", "drawings", "Rectangles of openings in drawings", "drawings.rectangles:RectangleOptions"),
     Algorithm("elevation_walls", "drawings", "Walls of elevations that openings are looked for in", "drawings.openings:ElevationWallOptions"),

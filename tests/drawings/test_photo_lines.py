@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from support.finished_job import FinishedJob
 
+from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.elevation import draw_elevation
 from mgf_engine.drawings.facades import find_facades
 from mgf_engine.drawings.load import read_survey
-from mgf_engine.drawings.model import OUTLINE, Survey
+from mgf_engine.drawings.model import CREASE, OUTLINE, Survey
 from mgf_engine.drawings.openings import ElevationPhotos, elevation_photos
 from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.photo_lines import Move, move_lines
@@ -22,6 +23,7 @@ from mgf_engine.openings.photo_edges import EdgePhotos
 from mgf_engine.texture.texture_pipeline import choose_painting
 
 PULLED = 1.5  # ground pixels
+HEIGHT_OF_EAVES = OFFSET[2] + 2.0  # scene frame
 X, Y = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 
@@ -66,6 +68,30 @@ def test_an_outline_that_no_photo_shows_stays(short: Survey, photos: ElevationPh
     assert right_end(short, replace(photos, lines=nothing)) == pytest.approx(right_end(short, None), abs=1e-6)
 
 
+@pytest.mark.parametrize("mesh", [0.0, 6.0], ids=["the eaves", "no overhang"])
+def test_eaves_lie_where_the_photos_have_the_roof_end(finished: FinishedJob, mesh: float) -> None:
+    """The wall of a mesh may stand behind the eaves and meet the roof above them; by so many ground pixels here."""
+    survey = read_survey(finished.folder)
+    frame = find_facades(survey)[0].frame
+    at = frame.to_drawing(survey.mesh.vertices)
+    front = at[:, 2] > at[:, 2].max() - 0.01
+    inward = mesh * survey.working_pixel
+    vertices = survey.mesh.vertices - front[:, None] * inward * frame.normal
+    vertices[front & (at[:, 1] > at[front, 1].max() - 0.01), 2] += 1.2 / 1.5 * inward  # along the roof
+    survey = replace(
+        survey,
+        mesh=replace(survey.mesh, vertices=vertices),
+        normalised=replace(survey.normalised, vertices=survey.normalise(vertices)),
+    )
+    painting = choose_painting(survey.normalised, survey.scene, survey.masks)
+    photos = elevation_photos(survey, painting, Visibility(survey, painting))
+    for shown, above in ((None, 0.8 * mesh), (photos, 0.0)):
+        lines = draw_elevation(survey, survey_planes(survey), frame, photos=shown).lines
+        heights = [line.points[:, 1] for line in lines if line.layer == CREASE and np.ptp(line.points[:, 0]) > 3.5]
+        off = (np.concatenate(heights) + float(frame.origin[2]) - HEIGHT_OF_EAVES) / survey.working_pixel
+        np.testing.assert_allclose(off, above, atol=0.6)
+
+
 def stroke_through(points: list[tuple[float, float]], ends: tuple[int, int]) -> Stroke:
     at = np.array(points, np.float64)
     spans = np.diff(at, axis=0)
@@ -79,14 +105,14 @@ def stroke_through(points: list[tuple[float, float]], ends: tuple[int, int]) -> 
 
 def test_corners_lie_where_the_moved_lines_cross() -> None:
     square = stroke_through([(0, 0), (10, 0), (10, 8), (0, 8), (0, 0)], (0, 0))
-    move_lines([square], [{0: Move(-Y, 0.5), 1: Move(X, 0.7)}], {}, 0.1)
+    move_lines([square], [{0: Move(-Y, 0.5, X), 1: Move(X, 0.7, Y)}], {}, 0.1)
     np.testing.assert_allclose(square.points, [(0, -0.5), (10.7, -0.5), (10.7, 8), (0, 8), (0, -0.5)], atol=1e-6)
 
 
 def test_the_place_where_strokes_end_moves_with_them() -> None:
     level, upright = stroke_through([(0, 0), (10, 0)], (1, 2)), stroke_through([(10, 0), (10, 8)], (2, 3))
     places = {1: np.zeros(2), 2: np.array([10.0, 0]), 3: np.array([10.0, 8])}
-    move_lines([level, upright], [{0: Move(-Y, 0.5)}, {0: Move(X, 0.7)}], places, 0.1)
+    move_lines([level, upright], [{0: Move(-Y, 0.5, X)}, {0: Move(X, 0.7, Y)}], places, 0.1)
     np.testing.assert_allclose(places[2], (10.7, -0.5), atol=0.1)  # it need only be near where they cross
     np.testing.assert_allclose(places[3], (10.7, 8), atol=0.1)
     np.testing.assert_allclose(level.points, [(0, -0.5), (10, -0.5)], atol=1e-6)
@@ -94,7 +120,7 @@ def test_the_place_where_strokes_end_moves_with_them() -> None:
 
 def test_two_nearly_parallel_lines_do_not_carry_their_place_away() -> None:
     one, other = stroke_through([(0, 0), (10, 0)], (1, 2)), stroke_through([(10, 0), (20, 0.2)], (2, 3))
-    across = np.array([-0.02, 1.0]) / np.hypot(0.02, 1.0)
+    across, turned = np.array([[-0.02, 1.0], [-1.0, -0.02]]) / np.hypot(0.02, 1.0)
     places = {k: np.array([10.0 * (k - 1), 0]) for k in (1, 2, 3)}
-    move_lines([one, other], [{0: Move(Y, 0.5)}, {0: Move(across, -0.5)}], places, 0.1)
+    move_lines([one, other], [{0: Move(Y, 0.5, X)}, {0: Move(across, -0.5, -turned)}], places, 0.1)
     assert np.abs(places[2] - (10, 0)).max() < 0.6
