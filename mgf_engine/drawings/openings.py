@@ -90,7 +90,7 @@ def find_openings(
         for one in openings_in(depth, pixel, resolution, area, options.openings):
             found.append(one._replace(box=one.box + corner))
             walls.append(wall)
-    kept, within = without_doubles(found), options.openings.aligned * pixel / resolution
+    kept, within = without_doubles(found, options.openings.doubled), options.openings.aligned * pixel / resolution
     boxes = align_edges(np.array([found[k].box for k in kept]).reshape(-1, 4), within)
     if photos is None or not len(boxes):
         return list(boxes)

@@ -133,7 +133,7 @@ def _in_wall(
     seen = render_parallel(pixels, corner.reshape(-1, 3).astype(np.int32), height, width)
     depth = np.where(seen.face >= 0, -seen.depth, np.float32(np.nan))
     found = list(openings_in(depth, 1.0, resolution, area / resolution**2, o.detection))
-    found = [found[k] for k in without_doubles(found)]
+    found = [found[k] for k in without_doubles(found, o.detection.doubled)]
     if not found:
         return None
     boxes = align_edges(np.array([one.box for one in found]), o.detection.aligned / resolution) * resolution

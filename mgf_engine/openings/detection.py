@@ -29,6 +29,8 @@ class OpeningDetectionOptions:
     """Options of openings that are found by their depth in a wall."""
 
     depth: float = parameter(1.0, "Minimum depth behind the wall", "ground px", low=0.1)
+    noise: float = parameter(2.5, "Minimum depth behind the wall, in standard deviations of the wall about its plane")
+    near: float = parameter(3.0, "Distance from the plane up to which the mesh counts for that deviation", "ground px")
     deepest: float = parameter(14.0, "Depth from which an opening is a passage, however deep", "ground px")
     holes: float = parameter(
         0.8,
@@ -57,6 +59,9 @@ class OpeningDetectionOptions:
     corner_side: float = parameter(30.0, "Length of the shorter side from which the corners count", "ground px")
     around: float = parameter(0.7, "Minimum share of its surroundings that is wall", high=1)
     largest: float = parameter(0.4, "Maximum area, as a share of the wall's", high=1)
+    doubled: float = parameter(
+        0.1, "Minimum share of the smaller one's area that two openings share, so that only one is kept", high=1
+    )
     aligned: float = parameter(3.0, "Distance within which edges of openings are put on one line", "ground px")
     edges: OpeningEdgeOptions = OpeningEdgeOptions()
 
@@ -90,9 +95,10 @@ def openings_in(
     pixel /= resolution
     margin, deepest = round(options.side * pixel) + 1, np.float32(options.deepest * pixel)
     depth = np.minimum(depth / np.float32(resolution), deepest)
-    depth = _closed(depth, options.depth * pixel, options.holes)
+    least = max(options.depth * pixel, options.noise * _deviation(depth, options.near * pixel))
+    depth = _closed(depth, least, options.holes)
     depth = np.pad(depth, margin, constant_values=np.nan)  # what is beyond the map is no wall
-    deep = (depth > options.depth * pixel).astype(np.uint8)
+    deep = (depth > least).astype(np.uint8)
     _, part, stats, _ = cv2.connectedComponentsWithStats(deep, connectivity=4)
     for k, (x, y, w, h, count) in enumerate(stats.tolist()):
         if k == 0 or count > options.largest * area or min(w, h) < 0.5 * options.side * pixel:
@@ -103,6 +109,12 @@ def openings_in(
             shift = np.array([x, y, x, y]) - 2 * margin
             bottom = found.depth * resolution if found.depth < deepest else np.inf
             yield found._replace(box=found.box + shift, depth=bottom)
+
+
+def _deviation(depth: NDArray[np.float32], near: float) -> float:
+    """Return the standard deviation of a map's pixels within a distance of the plane, by their median (MAD)."""
+    wall = np.abs(depth[np.abs(depth) < near])
+    return 1.4826 * float(np.median(wall)) if len(wall) else 0.0
 
 
 def _fit_best(
@@ -228,16 +240,16 @@ def _filling(share: NDArray[np.float32], rectangle: Array, side: float) -> tuple
     return float(deep[inside].mean()), corners[1], float(wall.mean()) if wall.size else 0.0
 
 
-def without_doubles(found: Sequence[Opening]) -> list[int]:
+def without_doubles(found: Sequence[Opening], share: float = OpeningDetectionOptions().doubled) -> list[int]:
     """Return the places of openings that overlap none of a higher score (non-maximum suppression), best first.
 
-    Two overlap where they share 0.3 of the smaller one's area: a pane in its window is dropped, too.
+    Two overlap where they have this share of the smaller one's area in common: a pane in its window is dropped, too.
     """
     kept = list[int]()
     for place in sorted(range(len(found)), key=lambda k: -found[k].score):
         others, this = np.array([found[k].box for k in kept]).reshape(-1, 4), found[place].box[None]
         smaller = np.minimum(box_areas(others), box_areas(this))
-        if (intersection_areas(this, others)[0] < 0.3 * smaller).all():
+        if (intersection_areas(this, others)[0] < share * smaller).all():
             kept.append(place)
     return kept
 
