@@ -35,7 +35,8 @@ def test_lines_meet_where_they_cross_and_near_parallel_ones_between() -> None:
     np.testing.assert_allclose(
         crossing([segment((0, 5.0), 0), segment((0, 5.4), 2)], place, 1.0), [5.0, 5.3], atol=0.05
     )
-    far = crossing([segment((0, 5.0), 0), segment((0, 30.0), 40)], place, 1.0)  # they cross 30 away: the level one stays
+    # They cross 30 away: the level one stays.
+    far = crossing([segment((0, 5.0), 0), segment((0, 30.0), 40)], place, 1.0)
     np.testing.assert_allclose(far, place, atol=0.3)
 
 
