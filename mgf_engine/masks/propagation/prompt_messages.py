@@ -57,7 +57,8 @@ class PromptMessages:
             names = ", ".join(self._name(i) for i in sorted({d.view for d in outliers}))
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
         used, missed = [d for d in outliers if d not in out], [d for d in confirmed if self._misses(d)]
-        texts = (out, self._ignored_text), (used, self._used_text), (missed, self._missed_text)
+        lost = [d for d in out if not d.positive or self._misses(d)]
+        texts = (lost, self._ignored_text), (used, self._used_text), (missed, self._missed_text)
         return [
             sentence(index, [d for d in chosen if d.view == index])
             for chosen, sentence in texts
