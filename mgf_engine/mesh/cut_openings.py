@@ -250,8 +250,7 @@ def _seam(patch: Patch, inside: Index, outer: Array, options: OpeningCutOptions)
     sides = patch.vertices[:, [0, 1, 0, 1]] == outer[[0, 3, 2, 1]]  # left, bottom, right, top
     if not len(seam) or not sides[seam].all(1).any(1).all() or len(np.unique(seam[:, 0])) < len(seam):
         return None
-    z = patch.vertices[seam, 2]
-    if z.min() < -2 * options.behind or z.max() > options.before:
+    if patch.vertices[seam, 2].min() < -2 * options.behind:
         return None
     following = dict(seam.tolist())
     _bridge(following, patch.vertices, options.gap)

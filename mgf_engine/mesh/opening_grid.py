@@ -101,7 +101,7 @@ def around_rectangle(at: Array, box: Array) -> Array:
     left, top, right, bottom = box
     x, y = (at[:, 0] - left) / (right - left), (at[:, 1] - bottom) / (top - bottom)
     sides = [at[:, 1] == bottom, at[:, 0] == right, at[:, 1] == top]
-    return np.asarray(np.select(sides, [x, 1 + y, 3 - x], np.where(y > 0, 4 - y, 0.0)))
+    return np.asarray(np.select(sides, [x, 1 + y, 3 - x], 4 - y))
 
 
 def opening_grid(box: Array, outer: Array, depth: float, heights: HeightMap) -> OpeningGrid:

@@ -191,3 +191,77 @@ def test_any_frame_and_scale():
     assert count == 1
     assert from_truth(replace(there, vertices=frame.coordinates(there.vertices))).max() < 1e-6
     assert len(there.faces) == len(here.faces)
+
+
+# Places along the rectangle at which the mesh is looked at are 3.8 apart here, so that what is narrower is found by the
+# cut alone.
+WIDE = np.array([25.3, 175.1, 175.7, 25.2])
+
+
+def wide(change=None):
+    """A wall with an opening so wide, of vertices 1 apart; ``change`` moves them."""
+    left, top, right, bottom = WIDE
+
+    def place(u, v):
+        inward = np.minimum(np.minimum(u - left, right - u), np.minimum(v - bottom, top - v))
+        at = np.stack([u, v, -DEPTH * np.clip(0.5 + inward / 6, 0, 1)])
+        return at if change is None else change(at)
+
+    return joined(sheet(np.arange(201.0), np.arange(201.0), place))
+
+
+def groove(at):
+    """A groove of one vertex, 5 deep, that meets the left side of the opening."""
+    u, v, z = at
+    return np.stack([u, v, np.where((v == 65) & (u > 10) & (u < 25), -5.0, z)])
+
+
+def awning(at):
+    """What stands out from the opening by 8."""
+    u, v, z = at
+    return np.stack([u, v, np.where(np.hypot(u - 100, v - 100) < 3, 8.0, z)])
+
+
+def folded(by):
+    """Beside the left side of the opening the wall is folded: a row of vertices lies that much too high."""
+
+    def change(at):
+        u, v, z = at
+        return np.stack([u, v + np.where((v == 65) & (u > 10) & (u < 24), by, 0.0), z])
+
+    return change
+
+
+@pytest.mark.parametrize("change", [groove, awning, folded(90.4)], ids=["a groove", "an awning", "a fold"])
+def test_nothing_is_cut_where_the_rectangle_is_no_wall(change):
+    assert cut_openings(wide(), wall_of((WIDE,)))[1] == 1
+    mesh = wide(change)
+    result, count = cut_openings(mesh, wall_of((WIDE,)))
+    assert count == 0 and result is mesh
+
+
+def test_small_folds_of_the_mesh_leave_no_gap():
+    mesh = wide(folded(3.4))
+    result, count = cut_openings(mesh, wall_of((WIDE,)))
+    assert count == 1 and len(open_edges(result)[0]) == len(open_edges(mesh)[0])
+    assert (face_normals(result)[is_in(result.vertices[result.faces].mean(1), WIDE), 2] > -1e-6).all()
+
+
+@pytest.mark.parametrize(("width", "cut"), [(1.0, 1), (3.0, 0)])
+def test_narrow_slits_of_the_mesh_along_the_rectangle_are_bridged(width, cut):
+    mesh = without_faces(wide(), [10.0, 65.0 + width, 25.0, 65.0])
+    result, count = cut_openings(mesh, wall_of((WIDE,)))
+    assert count == cut
+    if cut:
+        inside = result.vertices[np.unique(result.faces[is_in(result.vertices[result.faces].mean(1), WIDE)])]
+        np.testing.assert_allclose(inside[:, 2].min(), -DEPTH)
+
+
+def test_a_sill_that_reaches_far_down_stays_and_the_opening_is_cut():
+    left, _top, right, bottom = BOX
+
+    def sill(u, v):
+        return np.where((v < bottom - 1) & (v > bottom - 25) & (u > left - 25) & (u < right + 25), 2.0, 0.0)
+
+    result, count = cut_openings(sloped(extra=sill), wall_of())
+    assert count == 1 and (result.vertices[:, 2] > 1.9).sum() > 100
