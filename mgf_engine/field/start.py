@@ -22,7 +22,7 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
-from mgf_engine.options.config import Config
+from mgf_engine.options.config import Config, job_option
 from mgf_engine.start.options import start_options
 from mgf_engine.start.samples import SampleOptions, Samples, sample_surface
 from mgf_engine.start.store import FILE, write_start
@@ -38,6 +38,15 @@ class StartPointOptions:
     offset: float = parameter(
         4.0, "Distance from the starting surface beyond which a point by stereo is a starting point of its own", "px"
     )
+    max_gaussians: int = job_option("max_gaussians")
+    masked_points: bool = job_option("masked_points")
+    seed: int = job_option("seed")
+    samples: SampleOptions = SampleOptions()
+
+    @property
+    def limit(self) -> int:
+        """Maximum number of points on a surface."""
+        return int(self.share * self.max_gaussians)
 
 
 class _Points(NamedTuple):
@@ -68,7 +77,6 @@ def start_field(
     """
     parts = []
     options = config.algorithm(StartPointOptions)
-    limit = int(options.share * config.max_gaussians)
     (folder / FILE).unlink(missing_ok=True)
     if config.start == "surface" and config.use_masks:
         try:
@@ -76,15 +84,15 @@ def start_field(
             surface = start_surface(scene, masks, views, reporter, config.threads, start_options(config), share=share)
             write_start(surface, folder / FILE)
             clear_blocks()
-            parts = _on_surface(surface, scene, views, limit, config)
+            parts = _on_surface(surface, scene, views, options)
             reporter.check()
         except BadInput as error:
             reporter.warning(f"No starting surface could be made; training starts from points. {error}")
     if not parts:
-        parts = [_sparse(scene, masks, config)]
+        parts = [_sparse(scene, masks, options)]
         if config.start != "sparse":
             dense = config.algorithm(DensePointOptions)
-            points, colors, towards = dense_points(scene, masks, views, limit, reporter, config.threads, dense)
+            points, colors, towards = dense_points(scene, masks, views, options.limit, reporter, config.threads, dense)
             parts.append(_Points(points, colors, towards, np.full(points.shape, np.nan)))
     points, colors, towards, normals = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = along_curve(points)  # what one tile shows lies close together in memory
@@ -93,22 +101,20 @@ def start_field(
     )
 
 
-def _on_surface(surface: StartSurface, scene: Scene, views: list[int], limit: int, config: Config) -> list[_Points]:
+def _on_surface(surface: StartSurface, scene: Scene, views: list[int], options: StartPointOptions) -> list[_Points]:
     """Sample the starting surface, and add the points by stereo that lie beside it.
 
     Args:
         surface: to sample.
         scene: photos and cameras.
         views: the photos that show what is sampled.
-        limit: maximum number of points.
-        config: of the job.
+        options: number and distance of the points.
 
     Raises:
         BadInput: no photo shows the surface.
     """
-    options = config.algorithm(StartPointOptions)
-    spacing = options.spacing * surface.pixel
-    samples = sample_surface(surface.mesh, scene, views, limit, spacing, config.seed, config.algorithm(SampleOptions))
+    spacing, limit = options.spacing * surface.pixel, options.limit
+    samples = sample_surface(surface.mesh, scene, views, limit, spacing, options.seed, options.samples)
     if len(samples.points) < 4:
         raise BadInput("No photo shows the surface that edges and planes make.")
     found = [_Points(samples.points, samples.colors, samples.points + samples.normals, samples.normals)]
@@ -137,12 +143,12 @@ def _stereo_points(surface: StartSurface, scene: Scene, rows: NDArray[np.int64])
     return _Points(points, colors, centres[seen], np.full(points.shape, np.nan))
 
 
-def _sparse(scene: Scene, masks: MaskSet, config: Config) -> _Points:
+def _sparse(scene: Scene, masks: MaskSet, options: StartPointOptions) -> _Points:
     """Choose the masked points P', or all points (ablation b), at most as many as there may be Gaussians."""
-    index = np.flatnonzero(masks.point_mask if config.masked_points else np.ones(len(scene.points), bool))
-    if len(index) > config.max_gaussians:
-        generator = np.random.default_rng(config.seed)
-        index = np.sort(generator.choice(index, config.max_gaussians, replace=False))
+    index = np.flatnonzero(masks.point_mask if options.masked_points else np.ones(len(scene.points), bool))
+    if len(index) > options.max_gaussians:
+        generator = np.random.default_rng(options.seed)
+        index = np.sort(generator.choice(index, options.max_gaussians, replace=False))
     centres = np.stack([view.centre for view in scene.views])
     first = np.minimum(scene.track_start[index], max(len(scene.track_view) - 1, 0))
     towards = centres[scene.track_view[first]] if len(index) else np.zeros((0, 3))

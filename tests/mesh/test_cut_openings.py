@@ -261,7 +261,7 @@ def test_a_sill_that_reaches_far_down_stays_and_the_opening_is_cut():
     left, _top, right, bottom = BOX
 
     def sill(u, v):
-        return np.where((v < bottom - 1) & (v > bottom - 25) & (u > left - 25) & (u < right + 25), 2.0, 0.0)
+        return np.where((v < bottom - 1) & (v > bottom - 25) & (u > left - 25) & (u < right + 25), 3.5, 0.0)
 
     result, count = cut_openings(sloped(extra=sill), wall_of())
-    assert count == 1 and (result.vertices[:, 2] > 1.9).sum() > 100
+    assert count == 1 and (result.vertices[:, 2] > 3.4).sum() > 100
