@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,14 +14,17 @@ from benchmarks.synthetic.house import OFFSET
 from mgf_engine.drawings.elevation import draw_elevation
 from mgf_engine.drawings.facades import find_facades
 from mgf_engine.drawings.load import read_survey
-from mgf_engine.drawings.model import CREASE, OUTLINE, Survey
+from mgf_engine.drawings.model import CREASE, OUTLINE, DrawingFrame, Survey
 from mgf_engine.drawings.openings import ElevationPhotos, elevation_photos
 from mgf_engine.drawings.orthophoto import Visibility
-from mgf_engine.drawings.photo_lines import Move, move_lines
-from mgf_engine.drawings.regions import survey_planes
+from mgf_engine.drawings.photo_lines import Move, PhotoLineOptions, find_moves, move_lines
+from mgf_engine.drawings.project import Grid
+from mgf_engine.drawings.regions import RegionMap, survey_planes
 from mgf_engine.drawings.straighten import FittedSegment, Stroke
+from mgf_engine.drawings.trace import Chain
 from mgf_engine.openings.photo_edges import EdgePhotos
 from mgf_engine.texture.texture_pipeline import choose_painting
+from tests.support.wall_photos import cameras
 
 PULLED = 1.5  # ground pixels
 HEIGHT_OF_EAVES = OFFSET[2] + 2.0  # scene frame
@@ -124,3 +128,72 @@ def test_two_nearly_parallel_lines_do_not_carry_their_place_away() -> None:
     places = {k: np.array([10.0 * (k - 1), 0]) for k in (1, 2, 3)}
     move_lines([one, other], [{0: Move(Y, 0.5, X)}, {0: Move(across, -0.5, -turned)}], places, 0.1)
     assert np.abs(places[2] - (10, 0)).max() < 0.6
+
+
+PLATE = np.array([40.0, 110.0, 120.0, 40.0])  # left, top, right, bottom of a plate in z = 0, as the mesh has it
+MAP = RegionMap(
+    Grid(DrawingFrame("A", np.zeros(3), *np.eye(3)[:2], np.zeros(2), np.full(2, 150.0)), 1.0, 0.0, 150.0, 150, 150),
+    np.zeros((150, 150), np.int32),
+    np.zeros((1, 3)),
+)
+MAP.label[40:110, 40:120] = 1
+SURVEY = SimpleNamespace(working_pixel=1.0, normalise=lambda points: points)
+
+
+def photos_of(box: np.ndarray, shows=lambda points: np.ones(len(points), bool)) -> EdgePhotos:
+    """Photos of a bright plate with these sides, which moves before nothing."""
+    views = cameras()
+
+    def photo(number: int) -> np.ndarray:
+        view = views[number]
+        grid = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), -1).reshape(-1, 2)
+        ray = view.unproject(grid, np.ones(len(grid))) - view.centre
+        at = view.centre - ray * (view.centre[2] / ray[:, 2])[:, None]
+        left, top, right, bottom = box
+        inside = (at[:, 0] > left) & (at[:, 0] < right) & (at[:, 1] > bottom) & (at[:, 1] < top)
+        return np.repeat(np.where(inside, 200, 40).astype(np.uint8).reshape(view.height, view.width, 1), 3, 2)
+
+    return EdgePhotos(views, photo, lambda k, points, _: shows(points))
+
+
+def side(points: list[tuple[float, float]], low: int = 0, high: int = 1) -> tuple[Stroke, Chain]:
+    return stroke_through(points, (1, 2)), Chain(np.array(points, np.float64), low, high, (1, 2))
+
+
+LEFT, RIGHT = side([(40, 50), (40, 100)]), side([(120, 50), (120, 100)])
+
+
+def test_lines_move_to_the_edges_of_their_plane_whichever_side_it_is_on() -> None:
+    moves = find_moves([LEFT, RIGHT], MAP, SURVEY, photos_of(PLATE + np.array([-2.0, 0, 3.0, 0])))
+    np.testing.assert_allclose([moves[0][0].vector, moves[1][0].vector], [(-2, 0), (3, 0)], atol=0.3)
+    np.testing.assert_allclose([moves[0][0].across, moves[1][0].across], [(1, 0), (-1, 0)], atol=1e-9)
+
+
+def test_the_edge_is_found_between_the_samples() -> None:
+    places = np.linspace(2, 3, 9)
+    moves = [find_moves([RIGHT], MAP, SURVEY, photos_of(PLATE + np.array([0, 0, d, 0])))[0][0] for d in places]
+    assert (np.array([move.vector[0] for move in moves]) - places).std() < 0.09  # of samples 0.25 apart
+
+
+def test_lines_in_one_row_move_to_one_line() -> None:
+    lower, upper = side([(120.3, 42), (120.3, 70)]), side([(120, 80), (120, 108)])
+    moves = find_moves([lower, upper], MAP, SURVEY, photos_of(PLATE + np.array([0, 0, 2.0, 0])))
+    ends = [120.3 + moves[0][0].vector[0], 120 + moves[1][0].vector[0]]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-9) and ends[0] == pytest.approx(122, abs=0.4)
+
+
+def test_a_line_whose_plane_lies_on_both_sides_stays() -> None:
+    across = side([(80, 50), (80, 100)], 1, 1)
+    assert find_moves([across], MAP, SURVEY, photos_of(np.array([40.0, 110, 82, 40]))) == [{}]
+
+
+@pytest.mark.parametrize(("height", "moved"), [(62.0, False), (90.0, True)])
+def test_half_of_a_line_has_to_be_shown(height: float, moved: bool) -> None:
+    photos = photos_of(PLATE + np.array([0, 0, 2.0, 0]), lambda points: points[:, 1] < height)
+    assert (find_moves([RIGHT], MAP, SURVEY, photos) != [{}]) == moved
+
+
+@pytest.mark.parametrize("change", [{"least": 60.0}, {"contrast": 1.0}, {"farthest": 1.0}])
+def test_short_lines_faint_edges_and_far_ones_stay(change: dict[str, float]) -> None:
+    photos = photos_of(PLATE + np.array([0, 0, 2.0, 0]))
+    assert find_moves([RIGHT], MAP, SURVEY, photos, replace(PhotoLineOptions(), **change)) == [{}]

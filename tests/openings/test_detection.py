@@ -63,7 +63,7 @@ def test_a_hole_of_the_map_within_an_opening_is_as_deep() -> None:
 
 
 @pytest.mark.parametrize(
-    "hole", [(slice(100, 115), slice(90, 130)), (slice(60, 75), slice(70, 110))], ids=["alone", "half in an opening"]
+    "hole", [(slice(100, 115), slice(90, 130)), (slice(35, 85), slice(55, 100))], ids=["alone", "half in an opening"]
 )
 def test_a_hole_of_the_map_in_the_wall_is_no_opening(hole: tuple[slice, slice]) -> None:
     depth = wall()
