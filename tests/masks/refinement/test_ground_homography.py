@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.refinement.ground_homography import GroundFinder
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
-from mgf_engine.masks.refinement.mirrored_ground import MirrorTest
+from mgf_engine.masks.refinement.mirrored_ground import MirroredGroundOptions, MirrorTest
 from mgf_engine.model.scene import View
 
 WIDTH, HEIGHT, FOCAL = 300, 240, 500.0
@@ -146,6 +146,17 @@ def test_ground_that_a_pane_mirrors_is_none(tmp_path: Path, mirror: bool) -> Non
     facing = range(4)
     assert plain.is_open_structure(facing, lambda i: masks[i])
     assert mirror or finder.is_open_structure(facing, lambda i: masks[i])
+
+
+def test_photos_from_the_other_side_confirm_ground_that_none_sees_beside_the_building(tmp_path: Path) -> None:
+    around = [look_down(angle, 3.0 + 1.5 * (k % 3)) for k, angle in enumerate(np.arange(0.1, 2 * np.pi, 0.15))]
+    photos = seen_in(tmp_path, True, around).photos
+    everything = [np.ones((HEIGHT, WIDTH), np.uint8) for _ in around]
+    ground = photograph(around[2], False)[1] & ~photograph(around[2], True)[1]
+    for opposite, least in ((100.0, 0.3), (180.0, 0.0)):
+        test = MirrorTest(photos, GROUND, everything, MirroredGroundOptions(opposite=opposite))
+        share = (test.confirmed(2, ground) & ground).sum() / ground.sum()
+        assert share > least if least else share == 0
 
 
 def test_what_no_photo_sees_from_another_side_is_not_confirmed(frame: GroundFinder) -> None:
