@@ -13,7 +13,8 @@ _MODULES = (
     "reconstruct.preview_image", "reconstruct.operators", "prompts.operators", "prompts.suggest", "prompts.preview",
     "prompts.drawing", "prompts.panel", "reconstruct.panel", "results.async_import", "results.operators",
     "results.panel", "georef.operators", "georef.tool", "georef.overlay", "georef.magnifier", "georef.panel",
-    "drawings.operators", "drawings.panel", "models.operators", "models.panel", "town.operators", "town.panel", "cli",
+    "drawings.operators", "drawings.previews", "drawings.panel", "models.operators", "models.panel", "town.operators",
+    "town.panel", "cli",
 )  # fmt: skip
 
 

@@ -8,7 +8,10 @@ from ..engine.status_label import draw_engine_missing
 from ..job_folder import job_folder
 from ..jobs.finished_job import FinishedJobPanel, draw_run
 from .index import FOLDER, PAGE, read_index
+from .previews import preview_icon
 from .sections import find_sections
+
+_PREVIEW = 5.0  # height of a picture in the panel, buttons
 
 
 class MGF_PT_drawings(FinishedJobPanel, bpy.types.Panel):
@@ -66,9 +69,14 @@ def _draw_pictures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     index = read_index(job_folder(scene))
     if index is None:
         return
-    column = layout.column(align=True)
+    grid = layout.grid_flow(row_major=True, columns=2, even_columns=True)
     for drawing in index.pictures:
-        button = column.operator("mgf.show_drawing", text=drawing.title, icon="IMAGE_DATA", translate=False)
+        column, picture = grid.column(align=True), preview_icon(drawing.path)
+        if picture:
+            column.template_icon(icon_value=picture, scale=_PREVIEW)
+        button = column.operator(
+            "mgf.show_drawing", text=drawing.title, icon="NONE" if picture else "IMAGE_DATA", translate=False
+        )
         button.name = drawing.path.name
     row = layout.row(align=True)
     page = row.operator("mgf.open_job_file", text="All Drawings", icon="URL")

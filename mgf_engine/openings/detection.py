@@ -29,8 +29,9 @@ class OpeningDetectionOptions:
     """Options of openings that are found by their depth in a wall."""
 
     depth: float = parameter(1.0, "Minimum depth behind the wall", "ground px", low=0.1)
-    noise: float = parameter(2.5, "Minimum depth behind the wall, in standard deviations of the wall about its plane")
-    near: float = parameter(3.0, "Distance from the plane up to which the mesh counts for that deviation", "ground px")
+    noise: float = parameter(
+        2.5, "Minimum depth behind the wall in standard deviations of the wall about its plane; twice `depth` at most"
+    )
     deepest: float = parameter(14.0, "Depth from which an opening is a passage, however deep", "ground px")
     holes: float = parameter(
         0.8,
@@ -95,7 +96,8 @@ def openings_in(
     pixel /= resolution
     margin, deepest = round(options.side * pixel) + 1, np.float32(options.deepest * pixel)
     depth = np.minimum(depth / np.float32(resolution), deepest)
-    least = max(options.depth * pixel, options.noise * _deviation(depth, options.near * pixel))
+    least = options.depth * pixel
+    least = float(np.clip(options.noise * _deviation(depth, 3 * least), least, 2 * least))
     depth = _closed(depth, least, options.holes)
     depth = np.pad(depth, margin, constant_values=np.nan)  # what is beyond the map is no wall
     deep = (depth > least).astype(np.uint8)

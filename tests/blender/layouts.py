@@ -18,12 +18,14 @@ class Recorder:
     Attributes:
         texts: (text, whether Blender translates it) in the order they are drawn.
         operators: (operator, its properties, whether the layout was enabled).
+        icons: pictures that are drawn by themselves.
         props: names of the properties.
     """
 
     texts: list = field(default_factory=list)
     operators: list = field(default_factory=list)
     props: list = field(default_factory=list)
+    icons: list = field(default_factory=list)
     enabled: bool = True
     scale_y: float = 1.0
     active: bool = True
@@ -35,7 +37,7 @@ class Recorder:
 
             def part(heading="", **_):
                 self._say(heading)
-                return Recorder(self.texts, self.operators, self.props, self.enabled)
+                return Recorder(self.texts, self.operators, self.props, self.icons, self.enabled)
 
             return part
         raise AttributeError(name)
@@ -72,6 +74,9 @@ class Recorder:
 
     def panel(self, name, default_closed=False):
         return Recorder(self.texts, self.operators, self.props), Recorder(self.texts, self.operators, self.props)
+
+    def template_icon(self, icon_value=0, scale=1.0):
+        self.icons.append(icon_value)
 
     def template_list(self, *_, **__):
         pass

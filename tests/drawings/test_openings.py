@@ -13,6 +13,7 @@ from mgf_engine.drawings.openings import find_openings
 from mgf_engine.drawings.project import Grid, GridBuffers
 from mgf_engine.drawings.regions import RegionMap
 from mgf_engine.drawings.trace import Chain
+from mgf_engine.openings.detection import Opening, without_doubles
 
 PIXEL = 0.05  # metres; the map has two pixels to it
 HEIGHT, WIDTH = 300, 400
@@ -74,6 +75,20 @@ def test_a_door_ends_where_the_wall_does() -> None:
 )
 def test_what_is_no_opening_is_none(before: np.ndarray) -> None:
     assert len(found(before)) == 0
+
+
+@pytest.mark.parametrize("noise,number", [(0.02, 1), (0.7, 0)], ids=["an even wall", "a noisy one"])
+def test_an_opening_is_deeper_than_the_noise_of_its_wall(noise: float, number: int) -> None:
+    """A place 1.2 ground pixels deep; the noise has so many ground pixels."""
+    rough = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 2.0)
+    before = wall(((100, 60, 160, 140),), depth=1.2 * PIXEL) + noise * PIXEL * rough / rough.std()
+    assert len(found(before)) == number
+
+
+def test_of_two_openings_that_overlap_by_a_fifth_the_better_one_is_kept() -> None:
+    window, foot, beside = np.array([0.0, 0, 10, 20]), np.array([-20.0, 16, 12, 24]), np.array([9.9, 0, 20, 20])
+    openings = [Opening(0.7, foot, 1.0), Opening(0.95, window, 5.0), Opening(0.9, beside, 5.0)]
+    assert without_doubles(openings) == [1, 2]
 
 
 def test_a_hole_of_the_mesh_in_a_pane_is_no_outline() -> None:

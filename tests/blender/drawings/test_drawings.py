@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from pathlib import Path
 
@@ -14,9 +15,11 @@ from layouts import draw
 
 from mgf_blender.common import runner
 from mgf_blender.common.job import CANCELLED, DONE, FAILED
+from mgf_blender.drawings import panel, previews
 from mgf_blender.drawings.index import read_index
 from mgf_blender.drawings.operators import drawings_job, load_drawing
 from mgf_blender.drawings.panel import MGF_PT_drawings
+from mgf_blender.drawings.previews import preview_icon
 from mgf_blender.drawings.sections import find_sections
 from mgf_blender.jobs.engine_messages import in_panel_terms
 from mgf_blender.reconstruct.panel import MGF_PT_reconstruct
@@ -79,6 +82,22 @@ def test_a_picture_drawn_anew_is_read_anew(finished, engine, house):
     engine("ok", FAKE_SIZE=12)
     bpy.ops.mgf.make_drawings()
     assert tuple(load_drawing(house.job, "orthophoto-A.png").size) == (12, 6)
+
+
+def test_pictures_have_previews(finished, engine, house, monkeypatch):
+    bpy.ops.mgf.make_drawings()
+    path = house.job / "drawings" / "orthophoto-A.png"
+    with monkeypatch.context() as patch:
+        patch.setattr(panel, "preview_icon", lambda path: len(path.name))
+        assert draw(MGF_PT_drawings).icons == [len("orthophoto-A.png"), len("deviation-A.png")]
+    assert draw(MGF_PT_drawings).icons == []  # without a window Blender has no icons
+    assert [name for name in previews._names if name.endswith("orthophoto-A.png")] == [str(path)]
+    (collection,) = previews._kept
+    first = set(collection)
+    os.utime(path, ns=(0, 0))
+    preview_icon(path)
+    assert len(collection) == len(first) and set(collection) != first  # read anew, and the old one is gone
+    assert preview_icon(path.with_name("none.png")) == 0
 
 
 def test_options_reach_the_engine(finished, house):
