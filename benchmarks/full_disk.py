@@ -37,8 +37,7 @@ class FullDisk:
         path = Path(os.path.abspath(os.fspath(file)))
         if self.folder not in path.parents or path.name in (".lock", "log.txt"):
             return
-        name = ".part" + path.suffix if path.name.startswith(".part-") else path.name
-        name = str(path.parent.relative_to(self.folder) / name)
+        name = str(Path(*(_without_random(part) for part in path.relative_to(self.folder).parts)))
         self.attempt[name] += 1
         key = f"{name} {self.attempt[name]}"
         if key not in self.failed:
@@ -67,6 +66,11 @@ class FullDisk:
             yield
         finally:
             builtins.open, io.open, os.open = real_open, real_open, real_os_open
+
+
+def _without_random(name: str) -> str:
+    """Return the name of a file or folder without the random end of a temporary one."""
+    return name.rpartition("-")[0] + Path(name).suffix if name.startswith(".part-") else name
 
 
 def run(record: Path, args: list[str], most: int = 2000) -> int:
