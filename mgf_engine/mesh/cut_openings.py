@@ -147,11 +147,11 @@ def cut_opening(
     def cut(part: Patch) -> Patch | None:
         divided = split_along_rectangle(part, outer, options.snap)
         inside = _inside(divided, outer, options)
-        inside = None if inside is None else _with_pockets(divided, inside, outer, options)
-        seam = None if inside is None else _seam(divided, inside, outer, options)
-        if inside is None or seam is None:
+        if inside is None:
             return None
-        return _joined(divided, inside, seam, opening_grid(box, outer, depth, heights))
+        inside = _with_pockets(divided, inside, outer, options)
+        seam = _seam(divided, inside, outer, options)
+        return None if seam is None else _joined(divided, inside, seam, opening_grid(box, outer, depth, heights))
 
     return change_part(patch, near, cut)
 
