@@ -132,29 +132,31 @@ def check_prompts(given: PromptsFile, photos: Mapping[str, Path], *, placed: boo
     files = list(photos.values())
     for name, entry in _read_json(given).items():
         beside = placed and _lies_beside(name, dict(zip(names, files, strict=True)))
-        size = None if beside else _size_of(files[_find_photo(name, names, given.path)], placed)
+        frame = None if beside else _frame_of(files[_find_photo(name, names, given.path)], placed)
         for kind, title, values in _lists_of(entry, f"'{name}' in '{given.path}'"):
             pairs = _read_pairs(values, title)
             clicks_on_building += len(pairs) * (kind == "positive")
-            if size is not None:
-                _check_frame(pairs, size, title)
+            if frame is not None:
+                _check_frame(pairs, *frame, title)
     if not clicks_on_building:
         raise _none_on_building(given.path)
 
 
-def _size_of(photo: Path, placed: bool) -> tuple[int, int] | None:
-    """Return the size of a photo after EXIF rotation; None if it cannot be read, which the scene stage reports.
+def _frame_of(photo: Path, placed: bool) -> tuple[tuple[int, int], int] | None:
+    """Return the size of a photo as its camera will see it, and the EXIF orientation that this leaves out (1 for none).
 
-    Whether the photos of a model are turned as EXIF says is the scene stage's to find: only what lies outside either
-    way is wrong already.
+    None stands for a photo that cannot be read, which the scene stage reports.
+
+    Structure from motion sees the stored pixels. Whether the photos of a model are turned as EXIF says is the scene
+    stage's to find: only what lies outside either way is wrong already.
     """
     try:
         info = read_info(photo)
     except UnreadablePhoto:
         return None
     if placed and info.turned_size != (info.width, info.height):
-        return max(info.turned_size), max(info.turned_size)
-    return info.turned_size
+        return (max(info.turned_size), max(info.turned_size)), 1
+    return (info.width, info.height), info.orientation
 
 
 def clicked_names(given: Path | PromptsFile | None) -> list[str]:
@@ -271,19 +273,20 @@ def _read_pairs(values: Any, title: str) -> list[tuple[float, float]]:
     return [(u, v) for u, v in values]
 
 
-def _check_frame(pairs: Sequence[tuple[float, float]], size: tuple[int, int], title: str) -> None:
+def _check_frame(pairs: Sequence[tuple[float, float]], size: tuple[int, int], held: int, title: str) -> None:
+    stored = "" if held == 1 else " as stored, before its EXIF orientation turns it"
     for pair in pairs:
         u, v = (float(c) if abs(c) < 1e9 else math.inf for c in pair)
         if not (0 <= u <= size[0] and 0 <= v <= size[1]):
             raise BadInput(
                 f"{_upper(title)} holds the click ({_short(pair[0])}, {_short(pair[1])}) outside the photo, which "
-                f"has {size[0]} x {size[1]} pixels; click inside it."
+                f"has {size[0]} x {size[1]} pixels{stored}; click inside it."
             )
 
 
 def _read_points(values: Any, view: View, title: str) -> Points:
     pairs = _read_pairs(values, title)
-    _check_frame(pairs, (view.original_width, view.original_height), title)
+    _check_frame(pairs, (view.original_width, view.original_height), view.held, title)
     points = from_original(view, np.array(pairs, np.float64).reshape(-1, 2))
     if not np.isfinite(points).all():
         raise BadInput(

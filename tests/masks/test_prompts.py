@@ -159,6 +159,23 @@ def test_clicks_outside_a_photo_of_a_model_are_refused_before_there_is_a_scene(
         check_prompts(PromptsFile.read(write(tmp_path, {"a.jpg": {"positive": [wrong]}})), photos, placed=True)
 
 
+def test_clicks_on_a_turned_photo_without_a_model_are_in_its_stored_pixels(tmp_path: Path, scene: Scene):
+    """Structure from motion sees those, and so does Blender."""
+    image = Image.new("RGB", (40, 20))
+    exif = image.getexif()
+    exif[274] = 8
+    image.save(tmp_path / "a.jpg", exif=exif.tobytes())
+    photos = {"a.jpg": tmp_path / "a.jpg"}
+    check_prompts(PromptsFile.read(write(tmp_path, {"a.jpg": {"positive": [[39, 1]]}})), photos)
+    outside = write(tmp_path, {"a.jpg": {"positive": [[1, 39]]}})
+    sentence = "which has 40 x 20 pixels as stored, before its EXIF orientation turns it; click inside it"
+    with pytest.raises(BadInput, match=sentence):
+        check_prompts(PromptsFile.read(outside), photos)
+    turned = replace(scene, views=tuple(replace(v, name="a.jpg", held=8) for v in scene.views[:1]))
+    with pytest.raises(BadInput, match=sentence):
+        read_prompts(outside, turned)
+
+
 def test_clicks_on_a_damaged_photo_pass_before_there_is_a_scene(tmp_path: Path):
     """The scene stage goes on without the photo, so the size it should have is not asked for."""
     (tmp_path / "damaged.jpg").write_bytes(b"no picture")
