@@ -43,6 +43,9 @@ class GravityOptions:
         0.97, "Minimum length of the mean viewing direction of an aerial grid (1 if all look the same way)", high=1
     )
     grid_width: float = parameter(0.3, "Minimum width of an aerial grid, as a share of its length", high=1)
+    steep: float = parameter(
+        45.0, "Maximum angle between the mean viewing direction of photos from above and down", "degrees", high=90
+    )
 
 
 @dataclass(frozen=True)
@@ -104,10 +107,35 @@ def up_from_cameras(views: Sequence[View], options: GravityOptions = GravityOpti
     right = np.array([view.right for view in views])
     matrix = right.T @ right / len(right)
     spread, axes = np.linalg.eigh(matrix)
-    if not (spread[1] > 0.05 and spread[1] > 4 * spread[0]):
+    if spread[1] > 0.05 and spread[1] > 4 * spread[0]:
+        if _flown_over(views, axes[:, 0], options):
+            return np.asarray(-axes[:, 0] * np.sign(axes[:, 0] @ _mean_axis(views)))
+    else:
         axes = np.linalg.eigh(matrix - 0.05 * np.outer(mean, mean))[1]
     up = axes[:, 0] * np.sign(axes[:, 0] @ mean or 1.0)
     return np.asarray(up if up @ mean > 0.5 else mean)
+
+
+def _mean_axis(views: Sequence[View]) -> Array:
+    return np.asarray(np.mean([view.rotation[2] for view in views], axis=0))
+
+
+def _flown_over(views: Sequence[View], vertical: Array, options: GravityOptions) -> bool:
+    """Tell whether photos were taken from above: steeply along a direction [3], from places wide across it.
+
+    What is up in such a photo is level rather than up, and says by where the camera headed. Photos of a front, some of
+    them on their side, have one common perpendicular of their x axes, too, but come in a row.
+    """
+    steep = abs(float(_mean_axis(views) @ vertical)) > np.cos(np.radians(options.steep))
+    return steep and _width_across(views, vertical)[1] > options.grid_width
+
+
+def _width_across(views: Sequence[View], axis: Array) -> tuple[float, float]:
+    """Return the larger extent of the camera centres across a direction [3], and the smaller as a share of it."""
+    centres = np.stack([v.centre for v in views])
+    centres = centres - centres.mean(0)
+    wide = np.linalg.svd(centres - np.outer(centres @ axis, axis), compute_uv=False)
+    return float(wide[0]), float(wide[1] / max(wide[0], 1e-12))
 
 
 def up_of_tilted_view(
@@ -142,17 +170,15 @@ def looking_down(views: Sequence[View], options: GravityOptions = GravityOptions
 
     Drones fly such grids straight down; upright photos of a front come in a row, or look at it from several sides.
     """
-    axis = np.stack([v.rotation[2] for v in views]).mean(0)
+    axis = _mean_axis(views)
     length = np.linalg.norm(axis)
     if len(views) < options.grid_photos or length < options.grid_alignment:
         return None
     axis /= length
-    centres = np.stack([v.centre for v in views])
-    centres = centres - centres.mean(0)
-    across = centres - np.outer(centres @ axis, axis)
-    wide = np.linalg.svd(across, compute_uv=False)
-    flat = np.linalg.norm(centres @ axis) < 0.5 * wide[1]
-    return axis if flat and wide[1] > options.grid_width * wide[0] else None
+    wide, ratio = _width_across(views, axis)
+    along = np.stack([v.centre for v in views]) @ axis
+    flat = np.linalg.norm(along - along.mean()) < 0.5 * ratio * wide
+    return axis if flat and ratio > options.grid_width else None
 
 
 def up_from_edges(

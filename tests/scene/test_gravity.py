@@ -25,6 +25,36 @@ def test_a_row_of_photos_of_a_front_is_upright() -> None:
     assert up_from_cameras(photos(row, [front] * 12).views) @ [0, 0, 1] > 0.999
 
 
+def kite(down: float, heading: float, roll: float) -> tuple:
+    """Return photos of a kite or drone that looks steeply down, ``down`` degrees below the horizon in the mean, mostly
+    in one direction: with standard deviations of ``heading`` and ``roll`` degrees."""
+    rng = np.random.default_rng(2)
+    places, rotations = [], []
+    for _ in range(28):
+        tilt, turn, lean = np.radians([rng.normal(down, 12), rng.normal(0, heading), rng.normal(0, roll)])
+        forward = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), -np.sin(tilt)])
+        right = np.array([np.sin(turn), -np.cos(turn), 0])
+        below = np.cross(forward, right)
+        x, y = np.cos(lean) * right + np.sin(lean) * below, np.cos(lean) * below - np.sin(lean) * right
+        places.append(rng.normal(0, 1, 3) * [9, 5, 2] + [0, 0, 30])
+        rotations.append(np.stack([x, y, forward]))
+    return photos(np.array(places), rotations).views
+
+
+@pytest.mark.parametrize("heading", [30.0, 60.0, 300.0])
+def test_steep_photos_from_above_tell_up_by_their_level_axes(heading: float) -> None:
+    """What is up in them is where the camera headed, 65 degrees from up."""
+    up = up_from_cameras(kite(65, heading, 6))
+    assert np.degrees(np.arccos(up @ [0, 0, 1])) < 5
+
+
+def test_upright_and_sideways_photos_of_a_front_are_not_from_above() -> None:
+    """Half of them lie on their side, and nothing says so."""
+    rotations = [np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])] * 6
+    row = np.c_[np.arange(12), np.zeros(12), 0.05 * (np.arange(12) % 3)]
+    assert abs(up_from_cameras(photos(row, rotations).views) @ [0, 1, 0]) < 0.1
+
+
 def ring(down: float, lean: float = 0.0) -> tuple:
     """Return twelve cameras around the origin that look ``down`` degrees below the horizon, every other one rolled by
     ``lean`` degrees."""
