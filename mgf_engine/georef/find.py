@@ -68,7 +68,7 @@ def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable
         BadInput: what the user gave cannot be used; photos without GPS, or with one that does not fit, are no reason.
     """
     positions = [read_gps_position(Path(v.photo), options.position.accuracy) if v.photo else None for v in scene.views]
-    up = find_up(scene, [None if p is None else p.up for p in positions], options=options.gravity)
+    up = find_up(scene, options=options.gravity)
     if options.gps == "off":
         positions = [None] * len(positions)
     known = np.array([[p.latitude, p.longitude, p.height] for p in positions if p is not None]).reshape(-1, 3)

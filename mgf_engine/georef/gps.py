@@ -6,16 +6,13 @@ Headers only are read. What is not there, or no number, is passed over: photos w
 
 from __future__ import annotations
 
-import math
-import warnings
-import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
-from PIL.ExifTags import GPS, IFD
+from PIL.ExifTags import GPS
 
+from mgf_engine.files.photo_tags import number, read_photo_tags
 from mgf_engine.georef.options import GpsFitOptions
 
 _UNKNOWN = 1e4  # m, standard deviation of a height that is not given
@@ -33,7 +30,6 @@ class GpsPosition:
         sd: accuracy in metres, horizontal and vertical.
         ellipsoidal: the height is one above the ellipsoid; else above sea level, as most receivers give it.
         rtk: found by RTK.
-        up: unit vector upwards in the camera's frame (x right, y down, z forward) where the photo tells; else None.
     """
 
     latitude: float
@@ -42,7 +38,6 @@ class GpsPosition:
     sd: tuple[float, float]
     ellipsoidal: bool = False
     rtk: bool = False
-    up: tuple[float, float, float] | None = None
 
     @property
     def has_height(self) -> bool:
@@ -57,71 +52,31 @@ def read_gps_position(path: Path, accuracy: tuple[float, float] = GpsFitOptions.
         path: of the photo.
         accuracy: horizontal and vertical, of a photo that gives none, metres.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(path) as image:
-                packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
-                gps = dict(image.getexif().get_ifd(IFD.GPSInfo))
-    except Exception:  # whatever a damaged header makes the reader raise
-        return None
-    xmp = read_xmp(packet)
-    position = _position(gps, xmp, accuracy)
+    tags = read_photo_tags(path)
+    position = _position(tags.gps, tags.xmp, accuracy)
     return position if position is not None and _possible(position) else None
 
 
 def _position(gps: dict[int, Any], xmp: dict[str, str], accuracy: tuple[float, float]) -> GpsPosition | None:
     """Combine EXIF's GPS and the XMP of DJI, which takes precedence; None without latitude and longitude."""
-    latitude = _first(_number(xmp.get("GpsLatitude")), _degrees(gps, GPS.GPSLatitude, "S"))
+    latitude = _first(number(xmp.get("GpsLatitude")), _degrees(gps, GPS.GPSLatitude, "S"))
     longitude = _first(
-        _number(xmp.get("GpsLongitude")), _number(xmp.get("GpsLongtitude")), _degrees(gps, GPS.GPSLongitude, "W")
+        number(xmp.get("GpsLongitude")), number(xmp.get("GpsLongtitude")), _degrees(gps, GPS.GPSLongitude, "W")
     )
     if latitude is None or longitude is None:
         return None
-    height = _first(_number(xmp.get("AbsoluteAltitude")), _altitude(gps))
+    height = _first(number(xmp.get("AbsoluteAltitude")), _altitude(gps))
     rtk = xmp.get("RtkFlag") == _FIXED
-    error = _number(gps.get(GPS.GPSHPositioningError))
+    error = number(gps.get(GPS.GPSHPositioningError))
     sd = (error, 2 * error) if error else accuracy
-    across = [_number(xmp.get(name)) for name in ("RtkStdLat", "RtkStdLon")]
-    along = _number(xmp.get("RtkStdHgt"))
+    across = [number(xmp.get(name)) for name in ("RtkStdLat", "RtkStdLon")]
+    along = number(xmp.get("RtkStdHgt"))
     if across[0] and across[1] and along:
         sd = (max(across[0], across[1]), along)
     if height is None:
         height, sd = 0.0, (sd[0], _UNKNOWN)
     ellipsoidal = rtk or xmp.get("AltitudeType", "").lower().startswith("rtk")
-    return GpsPosition(latitude, longitude, height, sd, ellipsoidal, rtk, _up(xmp))
-
-
-def _up(xmp: dict[str, str]) -> tuple[float, float, float] | None:
-    """Return "up" from pitch (0 level, -90 straight down) and roll of DJI's gimbal."""
-    pitch, roll = _number(xmp.get("GimbalPitchDegree")), _number(xmp.get("GimbalRollDegree"))
-    if pitch is None or roll is None:
-        return None
-    p, r = math.radians(pitch), math.radians(roll)
-    return math.cos(p) * math.sin(r), -math.cos(p) * math.cos(r), math.sin(p)
-
-
-def read_xmp(packet: bytes | str) -> dict[str, str]:
-    """Read the properties of an XMP packet, local name -> text, from attributes and from elements; empty where it is
-    damaged."""
-    text = packet.decode("utf-8", "replace") if isinstance(packet, bytes) else packet
-    if "<!" in text:  # no XMP has a document type, and nothing else should be expanded here
-        return {}
-    try:
-        root = ElementTree.fromstring(text.strip("\x00 \t\r\n\ufeff"))
-    except ElementTree.ParseError:
-        return {}
-    found: dict[str, str] = {}
-    for element in root.iter():
-        for name, value in element.attrib.items():
-            found.setdefault(_local(name), value.strip())
-        if element.text and element.text.strip():
-            found.setdefault(_local(element.tag), element.text.strip())
-    return found
-
-
-def _local(name: str) -> str:
-    return name.rsplit("}", 1)[-1]
+    return GpsPosition(latitude, longitude, height, sd, ellipsoidal, rtk)
 
 
 def _degrees(gps: dict[int, Any], tag: GPS, negative: str) -> float | None:
@@ -139,17 +94,9 @@ def _degrees(gps: dict[int, Any], tag: GPS, negative: str) -> float | None:
 
 
 def _altitude(gps: dict[int, Any]) -> float | None:
-    height, reference = _number(gps.get(GPS.GPSAltitude)), gps.get(GPS.GPSAltitudeRef)
+    height, reference = number(gps.get(GPS.GPSAltitude)), gps.get(GPS.GPSAltitudeRef)
     below = reference in (1, b"\x01", b"1", "1")
     return None if height is None else -height if below else height
-
-
-def _number(value: Any) -> float | None:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, ZeroDivisionError):
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _first(*values: float | None) -> float | None:

@@ -68,6 +68,7 @@ class View:
         photo: where the user's photo lies; empty in scenes of earlier versions.
         orientation: EXIF orientation that was applied to it, 1 for none.
         held: EXIF orientation that the working photo lacks, 1 for none: how the camera was held, for up and right.
+        gravity: up by the photo's own tags (a drone's gimbal), unit vector in the camera's frame; None without.
         gain: what its red, green and blue were multiplied by to bring all photos to one exposure.
     """
 
@@ -87,6 +88,7 @@ class View:
     photo: str = ""
     orientation: int = 1
     held: int = 1
+    gravity: tuple[float, float, float] | None = None
     gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @property

@@ -70,26 +70,24 @@ class UpDirection:
         return float(np.degrees(self.sd))
 
 
-def find_up(
-    scene: Scene,
-    tags: Sequence[tuple[float, float, float] | None] = (),
-    threads: int = 1,
-    options: GravityOptions = GravityOptions(),
-) -> UpDirection:
+def find_up(scene: Scene, threads: int = 1, options: GravityOptions = GravityOptions()) -> UpDirection:
     """Find up by the most accurate evidence that a scene has.
 
     Args:
         scene: cameras and photos.
-        tags: up in each view's camera frame by its gravity tag; None without a tag, () where no photo has one.
         threads: number of worker threads.
         options: accuracies and limits.
     """
-    tagged = [view.rotation.T @ np.array(up) for view, up in zip(scene.views, tags, strict=False) if up is not None]
-    if len(tagged) >= max(3, len(scene.views) // 4):
-        rough = UpDirection(unit_vectors(np.median(tagged, axis=0)), np.radians(options.tag_sd), "tags")
-    else:
-        rough = UpDirection(up_from_cameras(scene.views, options), np.radians(options.level_sd), "cameras")
+    rough = rough_up(scene.views, options)
     return up_from_edges(scene, rough.vector, threads, options) or rough
+
+
+def rough_up(views: Sequence[View], options: GravityOptions = GravityOptions()) -> UpDirection:
+    """Find up by the gravity tags of the photos, or by the way their cameras are held."""
+    tagged = [view.rotation.T @ np.array(view.gravity) for view in views if view.gravity is not None]
+    if len(tagged) >= max(3, len(views) // 4):
+        return UpDirection(unit_vectors(np.median(tagged, axis=0)), np.radians(options.tag_sd), "tags")
+    return UpDirection(up_from_cameras(views, options), np.radians(options.level_sd), "cameras")
 
 
 def up_from_cameras(views: Sequence[View], options: GravityOptions = GravityOptions()) -> Array:

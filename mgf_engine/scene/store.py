@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -79,7 +80,7 @@ def _build(folder: Path, arrays: dict[str, Any]) -> Scene:
             raise ValueError(f"{name} is {arrays[name].dtype} {arrays[name].shape}")
     poses = zip(arrays["view_rotation"], arrays["view_translation"], strict=True)
     views = tuple(
-        View(**{**entry, "rotation": r, "translation": t, "lens": _lens(entry["lens"]), "gain": _gain(entry)})
+        View(**{**entry, "rotation": r, "translation": t, **_optional(entry)})
         for entry, (r, t) in zip(head["views"], poses, strict=True)
     )
     return Scene(
@@ -107,9 +108,8 @@ def _check(scene: Scene) -> None:
         turns = (view.orientation, view.held)
         if not isinstance(view.photo, str) or not all(type(n) is int and 1 <= n <= 8 for n in turns):
             raise ValueError(f"the view '{view.name}' has no photo")
-        numbers = np.array(
-            [*view.gain, view.fx, view.fy, view.cx, view.cy, *view.rotation.ravel(), *view.translation], np.float64
-        )
+        optics, pose = (view.fx, view.fy, view.cx, view.cy), (*view.rotation.ravel(), *view.translation)
+        numbers = np.array([*view.gain, *(view.gravity or ()), *optics, *pose], np.float64)
         if not np.isfinite(numbers).all() or min(view.fx, view.fy) <= 0:
             raise ValueError(f"the view '{view.name}' has an impossible camera")
     if scene.points.shape != (points, 3) or scene.colors.shape != (points, 3) or scene.errors.shape != (points,):
@@ -134,9 +134,19 @@ def _lens(entry: dict[str, Any] | None) -> Lens | None:
     return None if entry is None else Lens(entry["model"], entry["width"], entry["height"], tuple(entry["params"]))
 
 
-def _gain(entry: dict[str, Any]) -> tuple[float, float, float]:
-    red, green, blue = (float(g) for g in entry.get("gain", (1.0, 1.0, 1.0)))
-    return red, green, blue
+def _optional(entry: dict[str, Any]) -> dict[str, Any]:
+    """Return what is a class or a tuple; scenes of earlier versions have no gain and no gravity."""
+    gravity = entry.get("gravity")
+    return {
+        "lens": _lens(entry["lens"]),
+        "gain": _three(entry.get("gain", (1.0, 1.0, 1.0))),
+        "gravity": None if gravity is None else _three(gravity),
+    }
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    first, second, third = (float(v) for v in values)
+    return first, second, third
 
 
 def _unusable(folder: Path, detail: str) -> BadInput:

@@ -18,7 +18,7 @@ from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.scene.adjust import AdjustOptions, far_points
 from mgf_engine.scene.exposure import observed_colors
-from mgf_engine.scene.gravity import horizontal_axes
+from mgf_engine.scene.gravity import horizontal_axes, rough_up
 from mgf_engine.scene.quality import QualityOptions, blurred_views, photo_quality, poor_photos
 from mgf_engine.scene.roots import camera_poses, choose_held_out, choose_roots
 
@@ -305,13 +305,9 @@ def triangulation_angle(scene: Scene) -> float:
 
 
 def surround_angle(scene: Scene) -> float:
-    """Return the smallest sector around the middle of the points that holds all cameras, seen from above; degrees.
-
-    Down is the mean of the photos' own downward axes.
-    """
+    """Return the smallest sector around the middle of the points that holds all cameras, seen from above; degrees."""
     away = np.array([view.centre for view in scene.views]) - np.median(scene.points, axis=0)
-    down = -np.array([view.up for view in scene.views]).mean(0)
-    first, second = horizontal_axes(down)
+    first, second = horizontal_axes(rough_up(scene.views).vector)
     angle = np.sort(np.degrees(np.arctan2(away @ second, away @ first)))
     gaps = np.diff(np.concatenate([angle, [angle[0] + 360.0]]))
     return float(360.0 - gaps.max())

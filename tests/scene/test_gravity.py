@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.small_scene import grid, photos, tilted
 
-from mgf_engine.scene.gravity import common_direction, up_from_cameras, up_of_tilted_view
+from mgf_engine.scene.gravity import common_direction, rough_up, up_from_cameras, up_of_tilted_view
 from mgf_engine.scene.validation import surround_angle
 
 
@@ -53,6 +53,17 @@ def test_upright_and_sideways_photos_of_a_front_are_not_from_above() -> None:
     rotations = [np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]])] * 6
     row = np.c_[np.arange(12), np.zeros(12), 0.05 * (np.arange(12) % 3)]
     assert abs(up_from_cameras(photos(row, rotations).views) @ [0, 1, 0]) < 0.1
+
+
+def test_a_front_flown_in_rows_is_upright_by_the_gimbal() -> None:
+    """Without tags a grid of photos that all look one way is taken for one that looks down."""
+    front = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y, z up
+    rows = np.array([[x, 0.0, z] for z in range(5) for x in range(6)])
+    scene = photos(rows, [front] * 30)
+    assert abs(rough_up(scene.views).vector @ [0, 1, 0]) > 0.99
+    tagged = tuple(replace(v, gravity=(0.0, -1.0, 0.0)) for v in scene.views[:10]) + scene.views[10:]
+    found = rough_up(tagged)
+    assert found.method == "tags" and found.vector @ [0, 0, 1] > 0.999
 
 
 def ring(down: float, lean: float = 0.0) -> tuple:

@@ -121,7 +121,7 @@ class _Propagator:
             self.config.algorithm(DensifyOptions),
         )
         self.reporter.progress(0.4)
-        up = find_up(self.scene, (), self.threads, self.config.algorithm(GravityOptions)).vector
+        up = find_up(self.scene, self.threads, self.config.algorithm(GravityOptions)).vector
         self.point_features = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
         self.graph = LabelGraph(
             self.scene, self.regions, self.point_features, self.threads, self.full,
