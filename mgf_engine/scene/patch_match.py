@@ -5,7 +5,9 @@ Semi-global matching compares pairs of photos on surfaces that face the camera. 
 those of pixels around it, and keeps the one with the highest correlation in its neighbours; a second pass adds the
 distance from the depths that the first one found in these (geometric consistency, Schönberger et al. 2016). A depth
 counts if both matchings find it: depths that only one finds are mostly reflections, or ground at the masks' borders.
-Off by default: it gains on shiny sheet and loses completeness elsewhere (docs/decisions/035).
+By default only photos that semi-global matching cannot rectify with any other are searched: those of forward motion, or
+of very different focal lengths. In the others it gains on shiny sheet and loses completeness elsewhere
+(docs/decisions/035 and 078).
 """
 
 from __future__ import annotations
@@ -38,6 +40,10 @@ class PatchMatchOptions:
     rounds: int = parameter(
         0, "Number of rounds, each with half the random changes; 0 for semi-global matching alone, 2 for shiny sheet"
     )
+    unmatched_rounds: int = parameter(
+        3, "Number of rounds for a photo that semi-global matching can match with no other one; 0 for none"
+    )
+    unmatched_score: float = parameter(0.6, "Minimum correlation, less that cost, of a depth of such a photo", high=1)
     consistent_rounds: int = parameter(2, "Number of further rounds that compare depths with those of the neighbours")
     best: int = parameter(2, "Number of neighbours, the best correlated ones, that rate a plane", low=1, high=4)
     texture: float = parameter(1.5, "Minimum standard deviation of a patch's brightness", "grey levels")
@@ -95,7 +101,7 @@ def improve_depths(
     options: PatchMatchOptions,
     check: Callable[[], None],
 ) -> Depths:
-    """Search the planes of all pixels from depth maps by semi-global matching.
+    """Search the planes of all pixels from depth maps by semi-global matching, and of photos that have none.
 
     Args:
         depths: those maps; photos without neighbours or sparse points keep theirs.
@@ -104,26 +110,27 @@ def improve_depths(
         options: the search, and which depths count.
         check: called between photos; may raise to cancel.
     """
-    if options.rounds == 0:
+    rounds = {i: options.rounds if i in depths.maps else options.unmatched_rounds for i in points.views}
+    if not any(rounds.values()):
         return depths
-    chosen = {i: near for i, near in points.neighbours(options.neighbours, choice).items() if near}
+    near_by = points.neighbours(options.neighbours, choice)
+    chosen = {i: near for i, near in near_by.items() if near and rounds[i]}
     planes = {}
     for i in chosen:
         check()
         begun = _begin(depths.photos[i], depths.maps.get(i), points.scene.points[points.observed[i]], options, seed=i)
         if begun is not None:
             planes[i] = begun
-            _search(
-                depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(options.rounds), options
-            )
+            _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(rounds[i]), options)
     for k in range(options.consistent_rounds):
         maps = {i: p.depth(depths.photos[i].grey.shape, options.consistency_min_ncc) for i, p in planes.items()}
+        maps = {**depths.maps, **maps}
         for i in planes:
             check()
             near = [j for j in chosen[i] if j in maps]
-            rounds = range(options.rounds // 2 + k, options.rounds // 2 + k + 1)
+            later = range(rounds[i] // 2 + k, rounds[i] // 2 + k + 1)
             _search(
-                depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], rounds, options
+                depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], later, options
             )
     found = {
         i: _choose(p, depths.maps.get(i), depths.photos[i].grey.shape, depths.tolerance, options)
@@ -219,8 +226,8 @@ def _choose(
     planes: PixelPlanes, other: Array | None, shape: tuple[int, int], tolerance: float, options: PatchMatchOptions
 ) -> Array:
     """Return the depth map [h, w] of the depths that are certain, or that another depth map confirms."""
-    sure, likely = planes.depth(shape, options.sure_score), planes.depth(shape, options.agreed_score)
     if other is None:
-        return sure
+        return planes.depth(shape, options.unmatched_score)
+    sure, likely = planes.depth(shape, options.sure_score), planes.depth(shape, options.agreed_score)
     agreed = (likely > 0) & (np.abs(likely - other) < tolerance * likely)
     return np.where(agreed, likely, sure)

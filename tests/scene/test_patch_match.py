@@ -144,7 +144,7 @@ def test_a_depth_counts_when_it_is_sure_or_both_agree() -> None:
     values[0], values[3] = 0.5, [0.8, 0.5, 0.5, 0.1]
     planes = PixelPlanes(pixels, values, (0.1, 1.0))
     other = np.array([[9, 2.001, 2.1, 2.0]], np.float32)
-    options = replace(OPTIONS, sure_score=0.7)
+    options = replace(OPTIONS, sure_score=0.7, unmatched_score=0.6)
     np.testing.assert_allclose(patch_match._choose(planes, other, (1, 4), 0.008, options), [[2, 2, 0, 0]])
     np.testing.assert_allclose(patch_match._choose(planes, None, (1, 4), 0.008, options), [[2, 0, 0, 0]])
     np.testing.assert_allclose(patch_match._choose(planes, other, (1, 4), 0.008, OPTIONS), [[0, 2, 0, 0]])
@@ -196,6 +196,22 @@ def test_no_rounds_leave_the_depth_maps_alone(known: Scene) -> None:
     before = poor_depths()
     options = replace(OPTIONS, rounds=0)
     assert patch_match.improve_depths(before, all_points(known), NeighbourOptions(), options, lambda: None) is before
+
+
+def test_photos_that_semi_global_matching_cannot_match_get_a_depth_map(known: Scene) -> None:
+    """The others keep theirs, which rate its planes."""
+    maps = {i: TRUTH[i].astype(np.float32) for i in (1, 2, 3)}
+    before = replace(poor_depths(), maps=maps)
+    choice, options = NeighbourOptions(angles=(1.0, 10.0, 40.0)), PatchMatchOptions()
+    after = patch_match.improve_depths(before, all_points(known), choice, options, lambda: None)
+    assert all(after.maps[i] is before.maps[i] for i in (1, 2, 3))
+    inner = np.zeros(TRUTH[0].shape, bool)
+    inner[10:-10, 10:-10] = True
+    found = inner & (after.maps[0] > 0)
+    assert found.sum() > 0.6 * inner.sum()
+    assert (np.abs(after.maps[0] / TRUTH[0] - 1) < 0.01)[found].mean() > 0.9
+    off = replace(options, unmatched_rounds=0)
+    assert patch_match.improve_depths(before, all_points(known), choice, off, lambda: None) is before
 
 
 def test_it_can_be_cancelled(known: Scene) -> None:
