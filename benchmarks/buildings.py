@@ -12,6 +12,7 @@ from benchmarks.courtyards import plaster_court
 from benchmarks.glass_buildings import glass_block, glass_office, glass_showroom, glass_tower
 from benchmarks.houses import brick_wings, bungalow, half_timber, plain_house, slate_villa
 from benchmarks.landmarks import balcony_tower, chapel, sheet_hall, warehouse
+from benchmarks.orangery import orangery
 from benchmarks.roofs import band, gable_roof
 from benchmarks.shapes import Builder, Casing, Opening, Part, wall_row
 
@@ -270,4 +271,5 @@ BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "balcony_tower": balcony_tower,
     "chapel": chapel,
     "plaster_court": plaster_court,
+    "orangery": orangery,
 }

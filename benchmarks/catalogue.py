@@ -201,6 +201,11 @@ SCENES["plaster_court"] = replace(
     _SMALL, building="plaster_court", wall="plaster", photos=32, width=560, field_of_view=66.0, cars=0, trees=6,
     rings=(Ring(0.5, 1.8, -7.5, 4.6), Ring(0.5, 2.6, -5.0, 5.2)), seed=49, **_FAULTY,
 )  # fmt: skip
+# Windows and doors with round, segmental and level heads; the ground pixel is about 4 cm.
+SCENES["orangery"] = replace(
+    _SMALL, building="orangery", wall="brick", photos=30, trees=5, neighbours=1, cars=1, sun_azimuth=-100.0, seed=50,
+    rings=(Ring(0.6, 6.0, 17.0, 4.5), Ring(0.4, 15.0, 14.0, 4.0)),
+)  # fmt: skip
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("steel_frame_hall", "brick_ensemble"):

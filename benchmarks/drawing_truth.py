@@ -122,7 +122,7 @@ def orthophoto_offsets(
         facades: of the job.
         painting: the photos that paint its orthophotos.
         scene: folder with the true cameras.
-        openings: corners of each, [4, 3].
+        openings: corners of each, [4 or more, 3].
         truth: the true mesh.
     """
     visibility, mesh = Visibility(survey, painting), Surface(survey.mesh.vertices, survey.mesh.faces.astype(np.int64))

@@ -70,13 +70,13 @@ class Score:
 
 
 def true_openings(parts: Sequence[Part]) -> list[Array]:
-    """Return the corners of each opening of a building, [4, 3], scene frame."""
+    """Return the corners of each opening of a building, [4 or, with an arched head, more, 3], scene frame."""
     return [
         part.vertices[list(face)]
         for part in parts
         if part.building and part.material in FILLINGS and _is_opening(part.element)
         for face in part.faces
-        if len(face) == 4
+        if len(face) >= 4
     ]
 
 

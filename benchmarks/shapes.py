@@ -44,13 +44,36 @@ class Part:
 
 @dataclass(frozen=True)
 class Opening:
-    """A hole in a wall, in the wall's own frame: u from its left end, v from its foot, metres."""
+    """A hole in a wall, in the wall's own frame: u from its left end, v from its foot, metres.
+
+    Attributes:
+        u0, v0, u1, v1: its left, foot, right and top.
+        kind: what fills it.
+        rise: height of its arched head, which ends at ``v1``; half the width is a semicircle, 0 a level lintel.
+    """
 
     u0: float
     v0: float
     u1: float
     v1: float
     kind: str = "window"
+    rise: float = 0.0
+
+    @property
+    def head(self) -> list[tuple[float, float]]:
+        """Corners of the upper end from right to left."""
+        if not self.rise:
+            return [(self.u1, self.v1), (self.u0, self.v1)]
+        half, middle = (self.u1 - self.u0) / 2, (self.u0 + self.u1) / 2
+        radius = (half**2 + self.rise**2) / (2 * self.rise)
+        end = np.arctan2(half, radius - self.rise)
+        at = [(middle + radius * np.sin(t), self.v1 - radius * (1 - np.cos(t))) for t in np.linspace(end, -end, 17)]
+        return [(self.u1, at[0][1]), *at[1:8], (middle, self.v1), *at[9:16], (self.u0, at[-1][1])]
+
+    def top_at(self, u: float) -> float:
+        """Return the height of the upper end there."""
+        right, above = zip(*self.head[::-1], strict=True)
+        return float(np.interp(u, right, above))
 
 
 @dataclass(frozen=True)
@@ -145,6 +168,10 @@ class Builder:
                 middle_u, middle_v = (u0 + u1) / 2, (v0 + v1) / 2
                 if not any(o.u0 < middle_u < o.u1 and o.v0 < middle_v < o.v1 for o in openings):
                     self.polygon(frame.rectangle(u0, v0, u1, v1, 0.0), material, element)
+        for hole in openings:
+            for (u1, v1), (u0, v0) in pairwise(hole.head if hole.rise else ()):
+                corners = dict.fromkeys([(u0, v0), (u1, v1), (u1, hole.v1), (u0, hole.v1)])
+                self.polygon([frame.point(*corner, 0.0) for corner in corners], material, element)
         if gable > 0:
             apex = frame.point(frame.length / 2, height + gable, 0.0)
             self.polygon([frame.point(0, height, 0), frame.point(frame.length, height, 0), apex], material, element)
@@ -157,28 +184,38 @@ class Builder:
         depth, trim = casing.depth, casing.trim
         u0, v0, u1, v1 = hole.u0, hole.v0, hole.u1, hole.v1
         p = frame.point
-        rim = ((u0, v0), (u1, v0), (u1, v1), (u0, v1))
+        rim = [(u0, v0), (u1, v0), *hole.head]
         for start, end in zip(rim, rim[1:] + rim[:1], strict=True):
             self.polygon([p(*start, 0), p(*end, 0), p(*end, -depth), p(*start, -depth)], trim, "")
         if hole.kind == "void":
             return
         filling = {"window": "glass", "door": "wood", "gate": "metal_door"}[hole.kind]
-        self.polygon(frame.rectangle(u0, v0, u1, v1, -depth), filling, element)
-        bar = 0.07
-        bars = [(u0, u0 + bar, v0, v1), (u1 - bar, u1, v0, v1), (u0, u1, v0, v0 + bar), (u0, u1, v1 - bar, v1)]
+        self.polygon([p(*corner, -depth) for corner in rim], filling, element)
+        bar, spring = 0.07, hole.head[0][1]
+        bars = [(u0, u0 + bar, v0, spring), (u1 - bar, u1, v0, spring), (u0, u1, v0, v0 + bar)]
+        if not hole.rise:
+            bars.append((u0, u1, v1 - bar, v1))
         if hole.kind == "window":
             count = max(1, round((u1 - u0) / 0.8))
-            bars += [((c := u0 + (u1 - u0) * i / count) - bar / 2, c + bar / 2, v0, v1) for i in range(1, count)]
-            if v1 - v0 > 1.3:
+            for c in (u0 + (u1 - u0) * i / count for i in range(1, count)):
+                bars.append((c - bar / 2, c + bar / 2, v0, hole.top_at(c)))
+            if hole.rise > 0.3:
+                bars.append((u0, u1, spring - bar / 2, spring + bar / 2))
+            elif v1 - v0 > 1.3:
                 cross = v0 + 0.68 * (v1 - v0)
                 bars.append((u0, u1, cross - bar / 2, cross + bar / 2))
         for a, b, c, d in bars:
             self._slab(frame, (a, c, b, d), (-depth, -depth + 0.06), "frame", element)
+        if hole.rise:
+            self._arch(frame, hole.head, -bar, (-depth, -depth + 0.06), "frame", element)
         if casing.surround:
             t, out = 0.16, (0.0, 0.05)
-            self._slab(frame, (u0 - t, v1, u1 + t, v1 + t), out, trim, "")
-            self._slab(frame, (u0 - t, v0, u0, v1), out, trim, "")
-            self._slab(frame, (u1, v0, u1 + t, v1), out, trim, "")
+            if hole.rise:
+                self._arch(frame, hole.head, t, out, trim, "")
+            else:
+                self._slab(frame, (u0 - t, v1, u1 + t, v1 + t), out, trim, "")
+            self._slab(frame, (u0 - t, v0, u0, spring), out, trim, "")
+            self._slab(frame, (u1, v0, u1 + t, spring), out, trim, "")
             if hole.kind == "window":
                 self._slab(frame, (u0 - t, v0 - 0.12, u1 + t, v0), (0.0, 0.1), trim, "")
 
@@ -189,6 +226,18 @@ class Builder:
         axes = np.stack([frame.along, np.array([0.0, 0.0, 1.0]), frame.out])
         centre = frame.point((u0 + u1) / 2, (v0 + v1) / 2, (back + front) / 2)
         self.bar(centre, axes, ((u1 - u0) / 2, (v1 - v0) / 2, (front - back) / 2), material, element)
+
+    def _arch(self, frame: WallFrame, head: Sequence[tuple[float, float]], wide: float, depth: tuple[float, float],
+              material: str, element: str) -> None:  # fmt: skip
+        """Straight boxes along an arched head, ``wide`` upwards from it, and from their back to their front."""
+        (back, front), up = depth, np.array([0.0, 0.0, 1.0])
+        for (u1, v1), (u0, v0) in pairwise(head):
+            length = float(np.hypot(u1 - u0, v1 - v0))
+            along = ((u1 - u0) * frame.along + (v1 - v0) * up) / length
+            across = ((u1 - u0) * up - (v1 - v0) * frame.along) / length
+            centre = frame.point((u0 + u1) / 2, (v0 + v1) / 2, (back + front) / 2) + 0.5 * wide * across
+            half = (length / 2, abs(wide) / 2, (front - back) / 2)
+            self.bar(centre, np.stack([along, across, frame.out]), half, material, element)
 
     def roof_slab(self, quad: Sequence[ArrayLike], thickness: float, material: str, edge: str, element: str) -> None:
         """A plate of some thickness under a planar polygon that is counter-clockwise seen from outside."""

@@ -24,7 +24,7 @@ from mgf_engine.drawings.model import (
     Polyline,
     Survey,
 )
-from mgf_engine.drawings.openings import ElevationPhotos, ElevationWallOptions, find_openings
+from mgf_engine.drawings.openings import ElevationOpening, ElevationPhotos, ElevationWallOptions, find_openings
 from mgf_engine.drawings.overhangs import OutlineOverhangOptions, square_overhangs
 from mgf_engine.drawings.photo_lines import PhotoLineOptions, find_moves, move_lines
 from mgf_engine.drawings.plane_lines import PlaneLineOptions, plane_lines
@@ -34,6 +34,7 @@ from mgf_engine.drawings.regions import LOOSE, NOTHING, RegionMap, RegionOptions
 from mgf_engine.drawings.straighten import StraightenOptions, Stroke, join_ends, straighten
 from mgf_engine.drawings.trace import Chain, trace
 from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.openings.arches import arch_outline
 from mgf_engine.options.algorithms import parameter
 
 #: Share of a loop in an opening from which it is that opening's own border.
@@ -81,7 +82,8 @@ def draw_elevation(
     regions = find_regions(survey, planes, frame, options.regions)
     seen = render_grid(survey, regions.grid)
     merge_regions(regions, seen, survey, options.merging)
-    boxes = _openings(survey, regions, seen, options, photos)
+    found = _openings(survey, regions, seen, options, photos)
+    boxes = [opening.box for opening in found]
     given = plane_lines(survey, planes, frame, options.plane_lines)
     foot = cut_at_ground(regions, ground, survey.working_pixel, options.foot) if ground and _is_upright(frame) else None
     if foot is not None:
@@ -97,7 +99,8 @@ def draw_elevation(
     places: dict[int, Array] = {}
     strokes, borders = list[Stroke](), list[tuple[Stroke, Chain]]()
     openings: list[Array] = []
-    for opening in boxes:
+    level = [opening.box for opening in found if not opening.rise]
+    for opening in level:
         _draw_rectangle(opening, regions.grid, (-1, -1), strokes, openings)
     for chain, kind in drawn:
         corners = regions.grid.places(chain.corners)
@@ -117,9 +120,11 @@ def draw_elevation(
         move_lines([stroke for stroke, _ in borders], moves, places, survey.working_pixel, options.straightening)
     join_ends(strokes, places, survey.working_pixel, options.straightening)
     lines = _merged(
-        strokes, [STEP] * len(boxes) + [kind for _, kind in drawn], survey.working_pixel, options.straightening
+        strokes, [STEP] * len(level) + [kind for _, kind in drawn], survey.working_pixel, options.straightening
     )
-    return LineDrawing(frame, lines, [], openings)
+    arches = [_arched_outline(opening, regions.grid) for opening in found if opening.rise]
+    openings += [np.concatenate([line.points.min(0), line.points.max(0)]) for line in arches]
+    return LineDrawing(frame, lines + arches, [], openings)
 
 
 def _is_upright(frame: DrawingFrame) -> bool:
@@ -128,8 +133,8 @@ def _is_upright(frame: DrawingFrame) -> bool:
 
 def _openings(
     survey: Survey, regions: RegionMap, seen: GridBuffers, options: ElevationOptions, photos: ElevationPhotos | None
-) -> list[Array]:
-    """Return left, top, right, bottom of the openings in upright walls, in pixels of the map; none seen from above."""
+) -> list[ElevationOpening]:
+    """Return the openings in upright walls; none seen from above."""
     if not _is_upright(regions.grid.frame):
         return []
     return find_openings(regions, seen, survey.working_pixel, options.walls, photos)
@@ -162,6 +167,13 @@ def _draw_rectangle(
     ring = grid.places(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
     strokes.append(rectangle_stroke(ring, ends))
     openings.append(np.concatenate([ring[3], ring[1]]))
+
+
+def _arched_outline(opening: ElevationOpening, grid: Grid) -> Polyline:
+    """Return the outline of an opening with an arched head as one line, closed."""
+    box = grid.places(opening.box.reshape(2, 2)).ravel()
+    ring = arch_outline(box, opening.rise * grid.resolution, 2 * grid.resolution)
+    return Polyline(np.concatenate([ring, ring[:1]]), STEP)
 
 
 def classify(

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Windows, doors and niches of an elevation: rectangles at which the mesh lies behind the plane of a wall.
+"""Windows, doors and niches of an elevation: where the mesh lies behind the plane of a wall.
 
 They are found by their depth (:mod:`mgf_engine.openings.detection`); the photos then say where between wall and bottom
-their edges are (:mod:`mgf_engine.openings.photo_edges`).
+their edges are, and which have arched heads (:mod:`mgf_engine.openings.locate`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,10 @@ from mgf_engine.drawings.orthophoto import Visibility
 from mgf_engine.drawings.photo_lines import PhotoLineOptions, line_photos, plane_frame
 from mgf_engine.drawings.project import GridBuffers
 from mgf_engine.drawings.regions import RegionMap
+from mgf_engine.openings.arches import Proposals
 from mgf_engine.openings.detection import Opening, OpeningDetectionOptions, align_edges, openings_in, without_doubles
-from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
+from mgf_engine.openings.locate import locate_openings
+from mgf_engine.openings.photo_edges import EdgePhotos
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.painting import Painting
 
@@ -68,14 +71,26 @@ def elevation_photos(
     return ElevationPhotos(edges, line_photos(survey, painting, options), survey)
 
 
+class ElevationOpening(NamedTuple):
+    """An opening in the map of an elevation.
+
+    Attributes:
+        box: left, top (of the crown), right, bottom in pixels of the map, [4].
+        rise: of its arched head in these pixels; 0 for a level one.
+    """
+
+    box: Array
+    rise: float
+
+
 def find_openings(
     regions: RegionMap,
     seen: GridBuffers,
     pixel: float,
     options: ElevationWallOptions = ElevationWallOptions(),
     photos: ElevationPhotos | None = None,
-) -> list[Array]:
-    """Find openings: left, top, right, bottom of each in pixels of the map [4].
+) -> list[ElevationOpening]:
+    """Find the openings of an elevation.
 
     Args:
         regions: of the elevation, with their planes.
@@ -91,14 +106,20 @@ def find_openings(
             found.append(one._replace(box=one.box + corner))
             walls.append(wall)
     kept, within = without_doubles(found, options.openings.doubled), options.openings.aligned * pixel / resolution
-    boxes = align_edges(np.array([found[k].box for k in kept]).reshape(-1, 4), within)
-    if photos is None or not len(boxes):
-        return list(boxes)
-    own = [walls[k] for k in kept]
-    frames = {wall: plane_frame(regions, wall, photos.survey) for wall in set(own)}
-    at = regions.grid.places(boxes.reshape(-1, 2)).reshape(-1, 4)
-    moved = move_edges(at, own, frames, pixel, photos.edges, options.openings.edges)
-    return list(align_edges(regions.grid.pixels(moved.reshape(-1, 2)).reshape(-1, 4), 0.5 * within))
+    if not kept:
+        return []
+    some, own = [found[k] for k in kept], [walls[k] for k in kept]
+    boxes = align_edges(np.array([one.box for one in some]), within)
+    proposed = Proposals(
+        regions.grid.places(boxes.reshape(-1, 2)).reshape(-1, 4), np.array([one.rise * resolution for one in some]),
+        np.array([one.level for one in some]), own,
+    )  # fmt: skip
+    frames = {} if photos is None else {wall: plane_frame(regions, wall, photos.survey) for wall in set(own)}
+    edges = None if photos is None else photos.edges
+    located = locate_openings(proposed, frames, pixel, edges, options.openings)
+    boxes = regions.grid.pixels(located.boxes[located.found].reshape(-1, 2)).reshape(-1, 4)
+    rises = located.rises[located.found] / resolution
+    return [ElevationOpening(*one) for one in zip(align_edges(boxes, 0.5 * within), rises, strict=True)]
 
 
 def _walls(

@@ -67,12 +67,34 @@ def faces_over_rectangle(at: Array, faces: NDArray[np.integer], low: Array, high
     Returns:
         bool [F].
     """
-    result = np.ones(len(faces), bool)
-    for axis in (0, 1):
-        a, b, c = (at[faces[:, k], axis] for k in range(3))
-        result &= np.maximum(np.maximum(a, b), c) > low[axis]
-        result &= np.minimum(np.minimum(a, b), c) < high[axis]
-    return result
+    return rectangles_overlap(*face_rectangles(at, faces), low, high)
+
+
+def face_rectangles(at: Array, faces: NDArray[np.integer]) -> tuple[Array, Array]:
+    """Return the least and the largest x and y of each face.
+
+    Args:
+        at: vertices, [N, 3].
+        faces: [F, 3].
+
+    Returns:
+        [F, 2], [F, 2].
+    """
+    a, b, c = (at[faces[:, k], :2] for k in range(3))
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+
+def rectangles_overlap(lows: Array, highs: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Tell which of rectangles overlap another one, bool [n].
+
+    Args:
+        lows: least x and y of each, [n, 2].
+        highs: largest x and y of each, [n, 2].
+        low: least x and y of the other, [2].
+        high: its largest x and y, [2].
+    """
+    below, above = lows < high, highs > low
+    return np.asarray(below[:, 0] & below[:, 1] & above[:, 0] & above[:, 1])
 
 
 def faces_touching(faces: NDArray[np.integer], some: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -23,8 +23,9 @@ from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.patch import (
     Patch,
     change_part,
-    faces_over_rectangle,
+    face_rectangles,
     faces_touching,
+    rectangles_overlap,
     split_along_rectangle,
 )
 from mgf_engine.mesh.extend_planes import ON_PLANE
@@ -65,13 +66,15 @@ class WallOpenings(NamedTuple):
 
     Attributes:
         frame: of the wall, unit: a ground pixel.
-        boxes: left, top, right, bottom of each, y up, [K, 4].
+        boxes: left, top, right, bottom of each, y up; the top is that of the crown, [K, 4].
         depths: of their bottoms behind the wall, [K]; infinite for passages, which are not cut.
+        rises: of their arched heads; 0 for level ones, [K].
     """
 
     frame: WallFrame
     boxes: Array
     depths: Array
+    rises: Array
 
 
 def cut_openings(
@@ -104,16 +107,15 @@ def _cut_in_wall(patch: Patch, wall: WallOpenings, options: OpeningCutOptions) -
     at = wall.frame.coordinates(patch.vertices)
     near = np.zeros(len(patch.faces), bool)
     rows = np.flatnonzero(((at[:, 2] < options.reach) & (at[:, 2] > -options.pocket))[patch.faces].all(1))
-    for box in wall.boxes:
-        near[rows] |= _near_opening(at, patch.faces[rows], box, options)
+    near[rows] = _near_openings(at, patch.faces[rows], wall.boxes, options)
     cut = 0
 
     def cut_each(part: Patch) -> Patch:
         nonlocal cut
         before = wall.frame.coordinates(part.vertices)
         now = part._replace(vertices=before)
-        for box, depth in zip(wall.boxes, wall.depths, strict=True):
-            done = cut_opening(now, box, float(depth), options)
+        for box, depth, rise in zip(wall.boxes, wall.depths, wall.rises, strict=True):
+            done = cut_opening(now, box, float(depth), float(rise), options)
             now, cut = (now, cut) if done is None else (done, cut + 1)
         result = wall.frame.points(now.vertices)
         still = (now.vertices[: len(before)] == before).all(1)
@@ -125,7 +127,7 @@ def _cut_in_wall(patch: Patch, wall: WallOpenings, options: OpeningCutOptions) -
 
 
 def cut_opening(
-    patch: Patch, box: Array, depth: float, options: OpeningCutOptions = OpeningCutOptions()
+    patch: Patch, box: Array, depth: float, rise: float = 0.0, options: OpeningCutOptions = OpeningCutOptions()
 ) -> Patch | None:
     """Cut one opening; None where the mesh around it is not one sheet. New vertices come after those of the patch.
 
@@ -133,11 +135,12 @@ def cut_opening(
         patch: faces over the opening and around it, coordinates of the wall.
         box: left, top, right, bottom, y up, ground pixels, [4].
         depth: of its bottom behind the wall, ground pixels.
+        rise: of its arched head, ground pixels; 0 for a level one.
         options: limits.
     """
     if not options.least_depth <= depth < np.inf:
         return None
-    near = faces_touching(patch.faces, _near_opening(patch.vertices, patch.faces, box, options))
+    near = faces_touching(patch.faces, _near_openings(patch.vertices, patch.faces, box[None], options))
     heights = height_map(patch.vertices, patch.faces[near], _widened(box, [max(options.margins)] * 4), options.before)
     margins = _margins(heights, box, options)
     if margins is None:
@@ -151,17 +154,22 @@ def cut_opening(
             return None
         inside = _with_pockets(divided, inside, outer, options)
         seam = _seam(divided, inside, outer, options)
-        return None if seam is None else _joined(divided, inside, seam, opening_grid(box, outer, depth, heights))
+        return None if seam is None else _joined(divided, inside, seam, opening_grid(box, outer, depth, heights, rise))
 
     return change_part(patch, near, cut)
 
 
-def _near_opening(at: Array, faces: Index, box: Array, options: OpeningCutOptions) -> NDArray[np.bool_]:
-    """Tell which faces are wall around an opening, or behind the wall and within reach of its pockets, bool [F]."""
-    wall = faces_over_rectangle(at, faces, *_corners(_widened(box, [max(options.margins)] * 4)))
-    behind: NDArray[np.bool_] = np.asarray((at[:, 2] < -options.behind)[faces].all(1))
-    behind[behind] = faces_over_rectangle(at, faces[behind], *_corners(_widened(box, [options.pocket] * 4)))
-    return wall | behind
+def _near_openings(at: Array, faces: Index, boxes: Array, options: OpeningCutOptions) -> NDArray[np.bool_]:
+    """Tell which faces are wall around openings [K, 4], or behind the wall and within reach of their pockets, [F]."""
+    low, high = face_rectangles(at, faces)
+    behind = np.flatnonzero((at[:, 2] < -options.behind)[faces].all(1))
+    low_behind, high_behind = low[behind], high[behind]
+    near = np.zeros(len(faces), bool)
+    for box in boxes:
+        near |= rectangles_overlap(low, high, *_corners(_widened(box, [max(options.margins)] * 4)))
+        reached = rectangles_overlap(low_behind, high_behind, *_corners(_widened(box, [options.pocket] * 4)))
+        near[behind[reached]] = True
+    return near
 
 
 def _widened(box: Array, margins: Sequence[float]) -> Array:

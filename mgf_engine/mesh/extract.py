@@ -237,7 +237,7 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
 
 
 def cut_wall_openings(flat: FlatMesh, scene: Scene, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
-    """Cut windows, doors and niches of flat walls as rectangles; their edges are taken from the photos.
+    """Cut windows, doors and niches of flat walls, level or arched; their edges are taken from the photos.
 
     Args:
         flat: the mesh and its planes.

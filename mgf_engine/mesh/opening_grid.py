@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Mesh an opening in a wall and the wall around it by a grid: surroundings, reveals and a flat bottom."""
+"""Mesh an opening in a wall and the wall around it by a grid: surroundings, reveals and a flat bottom.
+
+The rows of the grid are level; under an arched head they bend, so that one of them follows it.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.rasterize import render_parallel
+from mgf_engine.openings.arches import arch_drop, arch_places
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -104,7 +108,7 @@ def around_rectangle(at: Array, box: Array) -> Array:
     return np.asarray(np.select(sides, [x, 1 + y, 3 - x], 4 - y))
 
 
-def opening_grid(box: Array, outer: Array, depth: float, heights: HeightMap) -> OpeningGrid:
+def opening_grid(box: Array, outer: Array, depth: float, heights: HeightMap, rise: float = 0.0) -> OpeningGrid:
     """Mesh an opening and what is around it: what the wall has before its plane stays, nothing is behind it.
 
     Args:
@@ -112,10 +116,17 @@ def opening_grid(box: Array, outer: Array, depth: float, heights: HeightMap) -> 
         outer: those of a rectangle around it.
         depth: of the opening's bottom.
         heights: of the mesh within ``outer``.
+        rise: of the opening's arched head; 0 for a level one.
     """
     x, columns = _steps(outer[0], box[0], box[2], outer[2])
+    if rise:
+        middle = 0.5 * (box[0] + box[2]) + arch_places(box[2] - box[0], rise, _BOTTOM)
+        x = np.concatenate([x[: columns[0]], middle, x[columns[1] + 1 :]])
+        columns = (columns[0], columns[0] + len(middle) - 1)
     y, rows = _steps(outer[3], box[3], box[1], outer[1])
     place = np.stack(np.meshgrid(x, y), -1)
+    if rise:
+        place[..., 1] = _below_arch(x, y, box, rise)
     number = np.arange(place[..., 0].size).reshape(len(y), len(x))
     over = (slice(rows[0], rows[1] + 1), slice(columns[0], columns[1] + 1))
     z = np.maximum(np.nan_to_num(heights.at(place.reshape(-1, 2)).reshape(place.shape[:-1])), 0.0)
@@ -140,6 +151,23 @@ def _steps(outer_low: float, low: float, high: float, outer_high: float) -> tupl
     middle = np.linspace(low, high, max(2, round((high - low) / _BOTTOM)) + 1)
     last = np.linspace(high, outer_high, max(2, round((outer_high - high) / _RING)) + 1)[:-1]
     return np.concatenate([first[:-1], middle, last[1:]]), (len(first) - 1, len(first) + len(middle) - 2)
+
+
+def _below_arch(x: Array, y: Array, box: Array, rise: float) -> Array:
+    """Return the heights of a grid [H, W] whose row at the top of an opening follows its arched head; the grid's border
+    and what is below the opening stay level.
+
+    Args:
+        x: places of its columns, [W].
+        y: places of its rows, [H].
+        box: left, top, right, bottom of the opening, [4].
+        rise: of its head.
+    """
+    left, top, right, bottom = box
+    drop = arch_drop(x - 0.5 * (left + right), right - left, rise)
+    drop *= np.interp(x, [x[0], left, right, x[-1]], [0.0, 1.0, 1.0, 0.0])
+    share = np.interp(y, [bottom, top, y[-1]], [0.0, 1.0, 0.0])
+    return np.asarray(y[:, None] - share[:, None] * drop[None])
 
 
 def _cells(number: Index) -> Index:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,8 +19,10 @@ from mgf_engine.mesh.photo_consistency import PatchOptions
 from mgf_engine.mesh.plane_detection import Planes
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import View
-from mgf_engine.openings.detection import OpeningDetectionOptions, align_edges, openings_in, without_doubles
-from mgf_engine.openings.photo_edges import EdgePhotos, move_edges
+from mgf_engine.openings.arches import Proposals
+from mgf_engine.openings.detection import Opening, OpeningDetectionOptions, align_edges, openings_in, without_doubles
+from mgf_engine.openings.locate import locate_openings
+from mgf_engine.openings.photo_edges import EdgePhotos
 from mgf_engine.openings.wall_frame import WallFrame
 from mgf_engine.options.algorithms import parameter
 
@@ -41,6 +44,22 @@ class MeshOpeningOptions:
     cut: OpeningCutOptions = OpeningCutOptions()
 
 
+class _Wall(NamedTuple):
+    """A wall with the openings that the mesh has in it.
+
+    Attributes:
+        frame: of the wall, unit: a ground pixel.
+        boxes: left, top, right, bottom of each, y up, [K, 4].
+        found: the same in pixels of a map, [K].
+        resolution: size of these pixels, ground pixels.
+    """
+
+    frame: WallFrame
+    boxes: Array
+    found: list[Opening]
+    resolution: float
+
+
 def find_wall_openings(
     mesh: Mesh,
     pixel: Array,
@@ -49,7 +68,8 @@ def find_wall_openings(
     photos: EdgePhotos,
     options: MeshOpeningOptions = MeshOpeningOptions(),
 ) -> list[WallOpenings]:
-    """Find the openings in all walls, from the largest wall on; no face lies over two of them.
+    """Find the openings in all walls, from the largest wall on; no face lies over two of them. Those of a wall that
+    turn out to be none are left out.
 
     Args:
         mesh: normalised frame, its planar parts in their planes.
@@ -59,7 +79,7 @@ def find_wall_openings(
         photos: to take edges from.
         options: what walls and openings are.
     """
-    free, found = np.ones(len(mesh.faces), bool), list[WallOpenings]()
+    free, found = np.ones(len(mesh.faces), bool), list[_Wall]()
     for number in np.argsort(-planes.area, kind="stable"):
         normal, area = planes.normals[number], float(planes.area[number])
         if area < options.area or abs(normal @ up) > np.sin(np.radians(options.upright)):
@@ -70,7 +90,7 @@ def find_wall_openings(
         wall = _in_wall(mesh, free, frame, own, area, options)
         if wall is not None:
             found.append(wall)
-    return _with_photo_edges(found, photos, options.detection)
+    return _located(found, photos, options.detection)
 
 
 def edge_photos(
@@ -109,7 +129,7 @@ def _frame(normal: Array, offset: float, up: Array, pixel: float) -> WallFrame:
 
 def _in_wall(
     mesh: Mesh, free: NDArray[np.bool_], frame: WallFrame, own: NDArray[np.int64], area: float, o: MeshOpeningOptions
-) -> WallOpenings | None:
+) -> _Wall | None:
     """Find the openings of a wall by their depth; None without any.
 
     Args:
@@ -141,20 +161,25 @@ def _in_wall(
     for left, top, right, bottom in boxes:
         over = faces_over_rectangle(at, mesh.faces[faces], np.array([left, bottom]), np.array([right, top]))
         free[faces[over]] = False
-    return WallOpenings(frame, boxes, np.array([one.depth for one in found]))
+    return _Wall(frame, boxes, found, resolution)
 
 
-def _with_photo_edges(
-    found: Sequence[WallOpenings], photos: EdgePhotos, options: OpeningDetectionOptions
-) -> list[WallOpenings]:
+def _located(walls: Sequence[_Wall], photos: EdgePhotos, options: OpeningDetectionOptions) -> list[WallOpenings]:
     """Return openings whose edges are where the photos have them, those in one row on one line."""
-    if not found:
+    if not walls:
         return []
-    walls = np.repeat(np.arange(len(found)), [len(wall.boxes) for wall in found])
-    frames = {number: wall.frame for number, wall in enumerate(found)}
-    boxes = move_edges(np.concatenate([wall.boxes for wall in found]), walls.tolist(), frames, 1.0, photos,
-                       options.edges)  # fmt: skip
-    return [
-        wall._replace(boxes=align_edges(boxes[walls == number], 0.5 * options.aligned))
-        for number, wall in enumerate(found)
-    ]
+    number = np.repeat(np.arange(len(walls)), [len(wall.boxes) for wall in walls])
+    found = [one for wall in walls for one in wall.found]
+    rises = np.concatenate([[one.rise * wall.resolution for one in wall.found] for wall in walls])
+    proposed = Proposals(
+        np.concatenate([wall.boxes for wall in walls]), rises, np.array([one.level for one in found]), number.tolist()
+    )
+    frames = {k: wall.frame for k, wall in enumerate(walls)}
+    boxes, rises, kept = locate_openings(proposed, frames, 1.0, photos, options)
+    depths = np.array([one.depth for one in found])
+    result = []
+    for k, wall in enumerate(walls):
+        own = kept & (number == k)
+        aligned = align_edges(boxes[own], 0.5 * options.aligned)
+        result.append(WallOpenings(wall.frame, aligned, depths[own], rises[own]))
+    return [wall for wall in result if len(wall.boxes)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find openings in the depth map of a wall: rectangles at which the mesh lies behind the wall's plane.
+"""Find openings in the depth map of a wall: rectangles, or arched ones, at which the mesh lies behind its plane.
 
 The mesh slopes from the wall into an opening, over several pixels and never evenly, and panes are worse: where they
 mirror, the mesh lies far behind them, has holes, or comes forward to the wall. Each edge is put where half of the rows
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.boxes import box_areas, intersection_areas
+from mgf_engine.openings.arches import ArchOptions, arch_drop, contour_rise, crown_above
 from mgf_engine.openings.photo_edges import OpeningEdgeOptions
 from mgf_engine.options.algorithms import parameter
 
@@ -65,20 +66,25 @@ class OpeningDetectionOptions:
     )
     aligned: float = parameter(3.0, "Distance within which edges of openings are put on one line", "ground px")
     edges: OpeningEdgeOptions = OpeningEdgeOptions()
+    arches: ArchOptions = ArchOptions()
 
 
 class Opening(NamedTuple):
     """An opening in the depth map of a wall.
 
     Attributes:
-        score: how much like a rectangle it is, 0..1.
-        box: left, top, right, bottom in pixels of the map, [4].
+        score: how much like a rectangle, or an arched opening, it is, 0..1.
+        box: left, top, right, bottom in pixels of the map, [4]; the top is that of a level head.
         depth: of its bottom behind the wall, unit of the map; infinite for a passage.
+        rise: of an arched head that its contour has, in pixels of the map; 0 without.
+        level: whether a level head is possible.
     """
 
     score: float
     box: Array
     depth: float
+    rise: float = 0.0
+    level: bool = True
 
 
 def openings_in(
@@ -154,13 +160,20 @@ def _fit(
     shortest = float((rectangle[2:] - rectangle[:2]).min())
     if shortest < side or bottom > options.shape * shortest:
         return None
-    filled, corners, around = _filling(share, rectangle, side)
-    if shortest < options.corner_side * pixel:  # the mesh rounds corners by some pixels
-        corners = 1.0
-    if filled < options.filled[pane] or corners < options.corners or around < options.around:
+    rounded = shortest < options.corner_side * pixel  # the mesh rounds corners by some pixels
+
+    def score(rise: float) -> float:
+        filled, corners, around = _filling(share, rectangle, side, rise)
+        enough = filled >= options.filled[pane] and around >= options.around
+        return filled * around if enough and (rounded or corners >= options.corners) else 0.0
+
+    rise = contour_rise(share, rectangle, pixel, options.arches)
+    level, arched = score(0.0), score(rise) if rise else 0.0
+    if not level and not arched:
         return None
     inner = _middle(depth, rectangle, options.middle)
-    return Opening(filled * around, rectangle, float(np.nanquantile(inner, options.bottom[pane])))
+    bottom = float(np.nanquantile(inner, options.bottom[pane]))
+    return Opening(level or arched, rectangle, bottom, rise if arched else 0.0, level > 0)
 
 
 def _middle(depth: NDArray[np.float32], box: Array, margin: float) -> NDArray[np.float32]:
@@ -221,9 +234,9 @@ def _crossings(profile: NDArray[np.floating]) -> tuple[float, float]:
     return begin, end
 
 
-def _filling(share: NDArray[np.float32], rectangle: Array, side: float) -> tuple[float, float, float]:
-    """Return the share of a rectangle that is deep, of its corner that is so third best, and of its surroundings that
-    is wall."""
+def _filling(share: NDArray[np.float32], rectangle: Array, side: float, rise: float) -> tuple[float, float, float]:
+    """Return the share of an opening that is deep, of its corner that is so third best, of an arched one's lower corner
+    that is so second best, and of its surroundings that is wall."""
     margin = max(2, round(0.4 * side))
     left, top, right, bottom = np.rint(rectangle).astype(int)
     rows = np.arange(max(0, top - margin), min(share.shape[0], bottom + margin))[:, None]
@@ -233,13 +246,19 @@ def _filling(share: NDArray[np.float32], rectangle: Array, side: float) -> tuple
     gap = max(1, margin // 3)  # the slope
     beside = (rows < top - gap) | (rows >= bottom + gap) | (columns < left - gap) | (columns >= right + gap)
     wall, deep = np.abs(near[beside]) < 0.5, near >= 0.5
+    if rise:
+        width = right - left
+        away = columns + 0.5 - 0.5 * (left + right)
+        inside &= rows + 0.5 > top - crown_above(width, rise) + arch_drop(away, width, rise)
     high, wide = max(1, (bottom - top) // 6), max(1, (right - left) // 6)
+    lower, upper = rows >= bottom - high, rows < top + high
     corners = sorted(
-        float(deep[inside & up & side].mean())
-        for up in (rows < top + high, rows >= bottom - high)
+        float(deep[inside & end & side].mean())
+        for end in ((lower,) if rise else (upper, lower))
         for side in (columns < left + wide, columns >= right - wide)
     )
-    return float(deep[inside].mean()), corners[1], float(wall.mean()) if wall.size else 0.0
+    corner = corners[0] if rise else corners[1]
+    return float(deep[inside].mean()), corner, float(wall.mean()) if wall.size else 0.0
 
 
 def without_doubles(found: Sequence[Opening], share: float = OpeningDetectionOptions().doubled) -> list[int]:

@@ -78,6 +78,7 @@ def move_edges(
     pixel: float,
     photos: EdgePhotos,
     options: OpeningEdgeOptions = OpeningEdgeOptions(),
+    rises: Array | None = None,
 ) -> Array:
     """Move left, right and upper edges of openings to where the photos have them; those on one line together.
 
@@ -88,14 +89,17 @@ def move_edges(
         pixel: a ground pixel in these coordinates.
         photos: to look at.
         options: limits.
+        rises: of arched heads, up to which the sides are straight, [n]; None without any.
 
     Returns:
         [n, 4].
     """
     offsets = np.arange(-options.reach, options.reach + 0.5 * STEP, STEP)
+    straight = boxes.copy()
+    straight[:, TOP] -= 0.0 if rises is None else rises
     strips = [
-        _strip(box, side, frames[wall], pixel * offsets, options)
-        for box, wall in zip(boxes, walls, strict=True)
+        _strip(box if side == TOP else below, side, frames[wall], pixel * offsets, options)
+        for box, below, wall in zip(boxes, straight, walls, strict=True)
         for side in _SIDES
     ]
     curves = mean_gradients(strips, photos, options).reshape(len(boxes), len(_SIDES), len(offsets))
@@ -190,23 +194,37 @@ def mean_gradients(strips: Sequence[EdgeStrip], photos: EdgePhotos, options: Mea
         photos: to look at.
         options: blur, and which photos count.
     """
-    count = strips[0].points.shape[1] if strips else 0
-    total, weights = np.zeros((len(strips), count)), np.zeros((len(strips), 1))
-    middle = np.array([strip.points.mean((0, 1)) for strip in strips]).reshape(-1, 3)
-    normal = np.array([strip.frame.normal for strip in strips]).reshape(-1, 3)
+    return compare_gradients([[strip] for strip in strips], photos, options)[:, 0]
+
+
+def compare_gradients(curves: Sequence[Sequence[EdgeStrip]], photos: EdgePhotos, options: MeanGradientOptions) -> Array:
+    """Return the mean over the photos of the gradients across the curves that an edge may be, [n, curves, offsets];
+    in each photo the largest across all curves of an edge is 1. NaN where no photo shows all of them.
+
+    Args:
+        curves: of each edge the strips across them, as many for each, all with the same offsets.
+        photos: to look at.
+        options: blur, and which photos count.
+    """
+    number, count = (len(curves[0]), curves[0][0].points.shape[1]) if curves else (1, 0)
+    total, weights = np.zeros((len(curves), number, count)), np.zeros((len(curves), 1, 1))
+    middle = np.array([some[0].points.mean((0, 1)) for some in curves]).reshape(-1, 3)
+    normal = np.array([some[0].frame.normal for some in curves]).reshape(-1, 3)
     for k, view in enumerate(photos.views):
         inside = view.project_into_frame(middle, 0)[2] & (((view.centre - middle) * normal).sum(1) > 0)
         for row in np.flatnonzero(inside).tolist():
-            found = _gradient(strips[row], k, photos, options)
-            if found is not None:
-                total[row] += found[0] * found[1]
-                weights[row] += found[1]
+            found = [_gradient(strip, k, photos, options) for strip in curves[row]]
+            shown = [one for one in found if one is not None]
+            if len(shown) == number:
+                gradient, weight = np.array([one[0] for one in shown]), shown[0][1]
+                total[row] += gradient / (gradient.max() + _NOISE) * weight
+                weights[row] += weight
     return np.divide(total, weights, out=np.full_like(total, np.nan), where=weights > 0)
 
 
 def _gradient(strip: EdgeStrip, k: int, photos: EdgePhotos, options: MeanGradientOptions) -> tuple[Array, float] | None:
-    """Return the gradient across an edge in a photo, 1 where it is largest, [offsets], and the weight of the photo;
-    None where it does not show the edge."""
+    """Return the gradient across an edge in a photo, grey values per ground pixel, [offsets], and the weight of the
+    photo; None where it does not show the edge."""
     view, some = photos.views[k], strip.points[:, ::_EVERY]
     rows = photos.shows(k, some.reshape(-1, 3), strip.frame.normal).reshape(some.shape[:2]).mean(1) > 0.9
     if rows.mean() < options.shown:
@@ -221,7 +239,7 @@ def _gradient(strip: EdgeStrip, k: int, photos: EdgePhotos, options: MeanGradien
     smooth = gaussian_filter1d(colors.mean(0), options.blur / STEP, axis=0)
     gradient = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) / STEP
     size = float(np.sqrt(max(toward[2], 0.0) / np.linalg.norm(ray)) * view.fx / depth.mean())
-    return gradient / (gradient.max() + _NOISE), size * (1.0 if away else options.inner)
+    return gradient, size * (1.0 if away else options.inner)
 
 
 def _strip(box: Array, side: int, frame: WallFrame, offsets: Array, options: OpeningEdgeOptions) -> EdgeStrip:

@@ -132,6 +132,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("opening_walls", "mesh", "Walls of the mesh that openings are looked for in", "mesh.wall_openings:MeshOpeningOptions"),
     Algorithm("opening_detection", "mesh", "Detection of windows, doors and niches by their depth in a wall", "openings.detection:OpeningDetectionOptions", also=("drawings",)),
     Algorithm("opening_edges", "mesh", "Edges of windows and doors, from the photos", "openings.photo_edges:OpeningEdgeOptions", also=("drawings",)),
+    Algorithm("opening_arches", "mesh", "Arched heads of windows and doors", "openings.arches:ArchOptions", also=("drawings",)),
     Algorithm("opening_cuts", "mesh", "Cutting of openings into the mesh", "mesh.cut_openings:OpeningCutOptions"),
     Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mesh.colors:ColorOptions"),
     Algorithm("planar_clustering", "mesh", "Merging of vertices in flat areas", "mesh.planar_clustering:PlanarClusteringOptions"),

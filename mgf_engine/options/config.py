@@ -147,7 +147,7 @@ class Config:
     span_dents: bool = option(True, "mesh", "Fill dents that no photo confirms with a smooth membrane spanned over their rim")
     smoothing: int = option(2, "mesh", "Number of smoothing rounds over the raw surface; 0 turns it off", low=0, high=1000)
     flatten: bool = option(True, "mesh", "Project nearly planar regions onto their planes, and vertices between two planes onto their common edge")
-    openings: bool = option(True, "mesh", "Cut windows, doors and niches of flat walls as rectangles, with their edges where the photos have them (with flatten only)", level="advanced")
+    openings: bool = option(True, "mesh", "Cut windows, doors and niches of flat walls, level or arched, with their edges where the photos have them (with flatten only)", level="advanced")
     face_error: float = option(0.25, "mesh", "Maximum distance between the simplified and the full mesh, in pixels of the nearest photo; 0 only keeps to max_faces", low=0, high=100, unit="px")
     color_error: float = option(8.0, "mesh", "Maximum colour error of the simplified mesh (root mean square); 256 simplifies by shape alone", low=0, high=256, unit="grey levels")
     max_faces: int = option(1_000_000, "mesh", "Maximum number of faces, whatever color_error and face_error say; 0 for no limit", low=0, high=100_000_000, level="basic")

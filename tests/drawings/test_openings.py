@@ -29,7 +29,7 @@ def found(before: np.ndarray) -> np.ndarray:
     grid = Grid(frame, 0.5 * PIXEL, 0.0, float(size[1]), WIDTH, HEIGHT)
     regions = RegionMap(grid, np.ones((HEIGHT, WIDTH), np.int32), np.zeros((1, 3)))
     seen = GridBuffers(grid, np.where(np.isfinite(before), 0, -1).astype(np.int32), before.astype(np.float32))
-    boxes = np.array(find_openings(regions, seen, PIXEL)).reshape(-1, 4)
+    boxes = np.array([one.box for one in find_openings(regions, seen, PIXEL)]).reshape(-1, 4)
     return boxes[np.argsort(boxes[:, 0])]
 
 

@@ -11,6 +11,7 @@ from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.mesh.cut_openings import OpeningCutOptions, WallOpenings, cut_openings
 from mgf_engine.mesh.extend_planes import ON_PLANE
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.openings.arches import arch_drop, arch_radius
 from mgf_engine.openings.wall_frame import WallFrame
 from tests.support.sheets import box as cuboid
 from tests.support.sheets import joined, sheet
@@ -34,9 +35,9 @@ def sloped(boxes=(BOX,), slope=3.0, depth=DEPTH, extra=None):
     return joined(sheet(LINE, LINE, place))
 
 
-def wall_of(boxes=(BOX,), frame=FRAME, depth=DEPTH):
+def wall_of(boxes=(BOX,), frame=FRAME, depth=DEPTH, rise=0.0):
     boxes = np.array(boxes).reshape(-1, 4)
-    return [WallOpenings(frame, boxes, np.full(len(boxes), depth))]
+    return [WallOpenings(frame, boxes, np.full(len(boxes), depth), np.full(len(boxes), rise))]
 
 
 def is_in(points, box, slack=1e-9):
@@ -265,3 +266,45 @@ def test_a_sill_that_reaches_far_down_stays_and_the_opening_is_cut():
 
     result, count = cut_openings(sloped(extra=sill), wall_of())
     assert count == 1 and (result.vertices[:, 2] > 3.4).sum() > 100
+
+
+def arched(rise, slope=3.0):
+    """A wall that slopes into an opening with an arched head."""
+    left, top, right, bottom = BOX
+
+    def place(u, v):
+        head = top - arch_drop(u - 0.5 * (left + right), right - left, rise)
+        inward = np.minimum(np.minimum(u - left, right - u), np.minimum(v - bottom, head - v))
+        return u, v, -DEPTH * np.clip(0.5 + inward / (2 * slope), 0, 1)
+
+    return joined(sheet(LINE, LINE, place))
+
+
+@pytest.mark.parametrize("rise", [4.0, 15.2], ids=["segmental", "semicircle"])
+def test_an_arched_head_is_cut_as_one(rise):
+    left, top, right, _bottom = BOX
+    result, count = cut_openings(arched(rise), wall_of(rise=rise))
+    at = result.vertices
+    head = top - arch_drop(at[:, 0] - 0.5 * (left + right), right - left, rise)
+    away = np.hypot(at[:, 0] - 0.5 * (left + right), at[:, 1] - top + arch_radius(right - left, rise))
+    on_head = np.abs(away - arch_radius(right - left, rise)) < 1e-6
+    deep = at[:, 2] < -1e-6
+    assert count == 1 and (at[deep, 1] < head[deep] + 1e-6).all(), "nothing is deep above the arch"
+    assert (deep & on_head).sum() > 10 and (~deep & on_head & (at[:, 1] > top - rise - 1e-6)).sum() > 10
+    assert len(open_edges(result)[0]) == 400, "those around the wall"
+    normals = face_normals(result)
+    assert (normals[:, 2] > -1e-6).all(), "nothing overhangs"
+    soffit = (np.abs(normals[:, 2]) < 1e-6) & (normals[:, 1] < -0.5)
+    assert soffit.sum() > 10
+
+
+def test_area_of_an_arched_opening_is_that_of_its_circle():
+    left, top, right, bottom = BOX
+    width = right - left
+    result, _ = cut_openings(arched(width / 2), wall_of(rise=width / 2))
+    corners = result.vertices[result.faces]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] / 2
+    deep = (corners[:, :, 2] < -DEPTH + 1e-6).all(1)
+    half = width / 2
+    assert flat[deep].sum() == pytest.approx(np.pi / 2 * half**2 + width * (top - bottom - half), rel=3e-3)
+    assert flat.sum() == pytest.approx(150.0**2, rel=1e-9)

@@ -10,16 +10,17 @@ from mgf_engine.mesh.cut_openings import cut_openings
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.wall_openings import MeshOpeningOptions, edge_photos, find_wall_openings
 from mgf_engine.model.mesh import Mesh
+from mgf_engine.openings.arches import arch_drop
 from mgf_engine.openings.detection import OpeningDetectionOptions
-from tests.mesh.test_cut_openings import BOX, sloped
+from tests.mesh.test_cut_openings import BOX, arched, sloped
 from tests.support.wall_photos import cameras
 
 UP = np.array([0.0, 1.0, 0.0])
 OTHER = np.array([100.0, 95.1, 130.0, 55.2])
 
 
-def painted(box):
-    """Photos of a pane in a wall: bright where a rectangle of z = 0 is seen, whatever the mesh is."""
+def painted(box, rise=0.0):
+    """Photos of a pane in a wall: dark where an opening's place on z = 0 is seen, whatever the mesh is."""
 
     def photo(number):
         view = cameras()[number]
@@ -27,7 +28,8 @@ def painted(box):
         ray = view.unproject(grid, np.ones(len(grid))) - view.centre
         at = view.centre - ray * (view.centre[2] / ray[:, 2])[:, None]
         left, top, right, bottom = box
-        inside = (at[:, 0] > left) & (at[:, 0] < right) & (at[:, 1] > bottom) & (at[:, 1] < top)
+        inside = (at[:, 0] > left) & (at[:, 0] < right) & (at[:, 1] > bottom)
+        inside &= at[:, 1] < top - arch_drop(at[:, 0] - 0.5 * (left + right), right - left, rise)
         picture = np.where(inside, 40, 200).astype(np.uint8).reshape(view.height, view.width)
         return np.repeat(picture[..., None], 3, 2)
 
@@ -105,3 +107,16 @@ def test_an_opening_whose_pane_mirrors_is_found_and_cut():
     )
     assert count == 1
     np.testing.assert_allclose(centre[within, 2], -walls[0].depths[0], atol=0.05)
+
+
+@pytest.mark.parametrize(("rise", "share"), [(15.2, 0.5), (6.0, 0.2)], ids=["semicircle", "segmental"])
+def test_an_arched_opening_is_found_by_photos_and_cut(rise, share):
+    (wall,) = found(arched(rise), photo=painted(BOX, rise))
+    assert wall.rises[0] / (wall.boxes[0, 2] - wall.boxes[0, 0]) == pytest.approx(share, abs=0.06)
+    np.testing.assert_allclose(wall.boxes[0], BOX, atol=1.0)
+    assert cut_openings(arched(rise), [wall])[1] == 1
+
+
+def test_where_photos_show_a_rectangle_the_contour_of_the_mesh_makes_no_arch():
+    (wall,) = found(arched(6.0), photo=painted(BOX))
+    assert wall.rises.tolist() == [0.0]

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from support.rays import pixel_rays
@@ -32,13 +34,17 @@ def view_from(centre: tuple[float, float, float]) -> View:
     )  # fmt: skip
 
 
-def photo_of(view: View) -> np.ndarray:
-    """What the camera sees of the wall y = 0 and its window, from nine rays a pixel."""
+Shape = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def photo_of(view: View, dark: Shape | None = None) -> np.ndarray:
+    """What the camera sees of the wall y = 0 and its window, from nine rays a pixel; or of a dark shape on it."""
     row, column = np.mgrid[: view.height, : view.width]
     total = np.zeros((row.size, 3))
     for u in (-1 / 3, 0, 1 / 3):
         for v in (-1 / 3, 0, 1 / 3):
-            total += _colors(view, pixel_rays(view, row.ravel() + v, column.ravel() + u))  # type: ignore[arg-type]
+            rays = pixel_rays(view, row.ravel() + v, column.ravel() + u)  # type: ignore[arg-type]
+            total += _colors(view, rays) if dark is None else _painted(view, rays, dark)
     return np.rint(total / 9).astype(np.uint8).reshape(view.height, view.width, 3)
 
 
@@ -50,6 +56,11 @@ def _colors(view: View, rays: np.ndarray) -> np.ndarray:
     bar = np.minimum(np.minimum(x - left, right - x), np.minimum(z - low, high - z)) < BAR
     colors = np.where(inside[1][:, None], np.where(bar[:, None], BARS, PANE), REVEAL)
     return np.where(inside[0][:, None], colors, WALL).astype(np.float64)
+
+
+def _painted(view: View, rays: np.ndarray, dark: Shape) -> np.ndarray:
+    at = view.centre - rays * (view.centre[1] / rays[:, 1])[:, None]
+    return np.where(dark(at[:, 0], at[:, 2])[:, None], PANE, WALL).astype(np.float64)
 
 
 CENTRES = [(x, -9.0, z) for x in (-5.0, -1.0, 3.0, 7.0, 11.0) for z in (1.5, 7.0)]

@@ -151,7 +151,9 @@ IDLE = {
     "photometric": "match_photos", "depth_smoothing": "match_photos", "prior": "start", "tsdf": "surface",
     "visual_hull": "visual_hull", "mesh_refinement": "refine_rounds",
     **dict.fromkeys(("planar", "relief", "patches", "plane_labels", "plane_extension", "plane_borders"), "flatten"),
-    **dict.fromkeys(("opening_walls", "opening_detection", "opening_edges", "opening_cuts"), "openings"),
+    **dict.fromkeys(
+        ("opening_walls", "opening_detection", "opening_edges", "opening_arches", "opening_cuts"), "openings"
+    ),
     "planar_clustering": "merge_flat", "mask_votes": "face_votes", "low_confidence_fill": "span_dents",
     "unobserved_volumes": "drop_unseen", "component_filter": "drop_unseen", "mesh_border": "drop_unseen",
 }  # fmt: skip
