@@ -60,6 +60,10 @@ class SfmOptions:
         "Number of matches with another photo from which a photo that was left out is worth the second attempt",
         low=0,
     )
+    forward_angle: float = parameter(
+        8.0, "Minimum angle between the rays of two photos in forward motion that begin a model where no others can",
+        "degrees", low=0.1, high=90,
+    )  # fmt: skip
     matching: str = job_option("matching")
     seed: int = job_option("seed")
     threads: int = job_option("threads")
@@ -97,7 +101,7 @@ def run_sfm(
         "exhaustive": options.exhaustive(len(names)), "seed": options.seed, "threads": options.threads or -1,
         "longest_side": options.longest_side, "features": options.features, "neighbours": options.neighbours,
         "similar": options.similar, "retry_below": options.retry_below,
-        "retry_matches": options.retry_matches,
+        "retry_matches": options.retry_matches, "forward_angle": options.forward_angle,
     }  # fmt: skip
     _prepare_folder(folder, task)
     if not (folder / MODEL / "points3D.bin").exists():

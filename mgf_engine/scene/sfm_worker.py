@@ -11,7 +11,8 @@ The first attempt has plain SIFT features. They change with the angle that a sur
 of a building too few match: the mapper then makes several small models. The second attempt, for photos that the first
 one cannot place although they match others, has features whose shape is adapted to the surface (affine-covariant,
 Mikolajczyk and Schmid 2004) and whose descriptors are pooled over its sizes (Dong and Soatto 2015); they take longer to
-find. COLMAP's thresholds stay as they are: with lower ones photos are placed wrongly.
+find. COLMAP's thresholds stay as they are: with lower ones photos are placed wrongly. One exception: where no pair can
+begin a model, as when all photos look along a street that the camera goes down, one may whose motion is forward.
 """
 
 from __future__ import annotations
@@ -82,9 +83,8 @@ def _attempt(folder: Path, task: dict[str, Any], affine: bool) -> tuple[pycolmap
         return pycolmap.Reconstruction(folder / MODEL), len(names)
     _match(folder, task, names)
     _say("cameras")
-    models = _map(folder, task)
-    best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
-    if best is None or best.num_reg_images() < MIN_SFM_PHOTOS:
+    best = _map(folder, task) or _map(folder, task, task["forward_angle"])
+    if best is None:
         return None, len(names)
     for image_id, image in best.images.items():
         image.name = names[image_id]
@@ -132,11 +132,24 @@ def _match(folder: Path, task: dict[str, Any], names: dict[int, str]) -> None:
     )
 
 
-def _map(folder: Path, task: dict[str, Any]) -> dict[int, pycolmap.Reconstruction]:
-    """Run the mapper, and return cameras and points: every model that it finds."""
+def _map(folder: Path, task: dict[str, Any], forward_angle: float = 0.0) -> pycolmap.Reconstruction | None:
+    """Run the mapper; None where it places too few photos.
+
+    Args:
+        folder: of the attempt, which holds the database.
+        task: options.
+        forward_angle: degrees; a pair may begin the model in forward motion, too, where the rays to its points meet
+            under this angle in the median. 0 for COLMAP's own limits.
+
+    Returns:
+        Cameras and points of the model with the most photos.
+    """
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size, options.extract_colors = MIN_SFM_PHOTOS, False
     options.num_threads, options.random_seed = task["threads"], task["seed"]
+    if forward_angle > 0:
+        options.mapper.init_max_forward_motion = 1.0
+        options.mapper.init_min_tri_angle = forward_angle
     output = folder / "mapper"
     shutil.rmtree(output, ignore_errors=True)
     output.mkdir()
@@ -144,7 +157,8 @@ def _map(folder: Path, task: dict[str, Any]) -> dict[int, pycolmap.Reconstructio
         folder / DATABASE, task["root"], output, options=options, next_image_callback=lambda: _say("camera")
     )
     shutil.rmtree(output, ignore_errors=True)
-    return dict(models)
+    best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
+    return None if best is None or best.num_reg_images() < MIN_SFM_PHOTOS else best
 
 
 def _number(image_id: int) -> str:

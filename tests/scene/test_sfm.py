@@ -67,6 +67,38 @@ def solved(photos: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return job
 
 
+def street_photo(along: float) -> np.ndarray:
+    """A street between two walls x = -2 and x = 3, seen along +y from 1.6 m above its pavement, [height, width, 3]."""
+    x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5 - SIZE[0] / 2, np.arange(SIZE[1]) + 0.5 - SIZE[1] / 2)
+    photo = np.full((SIZE[1], SIZE[0], 3), 200, np.uint8)
+    with np.errstate(divide="ignore"):
+        walls = ((x < 0, -2.0 * FOCAL / x), (x > 0, 3.0 * FOCAL / x), (y > 0, 1.6 * FOCAL / y))
+    depths = np.stack([np.where(seen, depth, np.inf) for seen, depth in walls])
+    nearest, depth = depths.argmin(0), depths.min(0)
+    high = y * depth / FOCAL < -4  # sky
+    for number in range(3):
+        across = (y if number < 2 else x) * depth / FOCAL
+        texture = np.random.default_rng(number).integers(0, 256, (60, 400, 3)).astype(np.uint8)
+        texture = cv2.resize(texture, (3200, 480), interpolation=cv2.INTER_LINEAR)
+        u, v = np.minimum((depth + along) * 60, 3199), (across + 4) * 60
+        colors = cv2.remap(texture, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+        here = (nearest == number) & ~high & (depth < 40)
+        photo[here] = colors[here]
+    return photo
+
+
+def test_photos_along_a_street_are_found(tmp_path: Path) -> None:
+    """COLMAP begins no model with a pair in forward motion; here there is no other."""
+    places = [0.0, 1.0, 2.1, 3.0, 4.2, 5.0, 6.1]
+    for number, along in enumerate(places):
+        write_photo(tmp_path / "street" / f"{number}.png", street_photo(along))
+    scene = load(tmp_path / "street", tmp_path / "job")
+    assert len(scene.views) == len(places)
+    found = np.array([view.centre for view in scene.views])
+    steps = np.linalg.norm(np.diff(found, axis=0), axis=1)
+    assert np.allclose(steps / steps.mean(), np.diff(places) / np.diff(places).mean(), atol=0.1)
+
+
 def test_cameras_are_found(photos: Path, tmp_path: Path) -> None:
     messages = Messages()
     scene = load(photos, tmp_path / "job", messages)
