@@ -61,7 +61,8 @@ class SfmOptions:
         low=0,
     )
     forward_angle: float = parameter(
-        8.0, "Minimum angle between the rays of two photos in forward motion that begin a model where no others can",
+        8.0, "Minimum angle between the rays of two photos in forward motion, which may begin a model where others place fewer "
+        "than half of the photos",
         "degrees", low=0.1, high=90,
     )  # fmt: skip
     matching: str = job_option("matching")

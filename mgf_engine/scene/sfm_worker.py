@@ -11,8 +11,9 @@ The first attempt has plain SIFT features. They change with the angle that a sur
 of a building too few match: the mapper then makes several small models. The second attempt, for photos that the first
 one cannot place although they match others, has features whose shape is adapted to the surface (affine-covariant,
 Mikolajczyk and Schmid 2004) and whose descriptors are pooled over its sizes (Dong and Soatto 2015); they take longer to
-find. COLMAP's thresholds stay as they are: with lower ones photos are placed wrongly. One exception: where no pair can
-begin a model, as when all photos look along a street that the camera goes down, one may whose motion is forward.
+find. COLMAP's thresholds stay as they are: with lower ones photos are placed wrongly. One exception: where they place
+fewer than half of the photos, as where all look along a street that the camera goes down, a pair in forward motion may
+begin the model, too.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ def main(folder: Path) -> int:
     pycolmap.logging.minloglevel = 2
     pycolmap.set_random_seed(task["seed"])
     best, photos = _attempt(folder / PLAIN, task, affine=False)
-    placed = best.num_reg_images() if best else 0
+    placed = _placed(best)
     if placed < task["retry_below"] * photos and _may_match(folder / PLAIN, best, task["retry_matches"]):
         _say(f"again {placed}")
         second, _ = _attempt(folder / AFFINE, task, affine=True)
-        best = second if second and second.num_reg_images() > placed else best
+        best = max(best, second, key=_placed)
     if best is None:
         return NO_MODEL
     best.extract_colors_for_all_images(task["root"])
@@ -83,7 +84,9 @@ def _attempt(folder: Path, task: dict[str, Any], affine: bool) -> tuple[pycolmap
         return pycolmap.Reconstruction(folder / MODEL), len(names)
     _match(folder, task, names)
     _say("cameras")
-    best = _map(folder, task) or _map(folder, task, task["forward_angle"])
+    best = _map(folder, task)
+    if 2 * _placed(best) < len(names):
+        best = max(best, _map(folder, task, task["forward_angle"]), key=_placed)
     if best is None:
         return None, len(names)
     for image_id, image in best.images.items():
@@ -157,8 +160,12 @@ def _map(folder: Path, task: dict[str, Any], forward_angle: float = 0.0) -> pyco
         folder / DATABASE, task["root"], output, options=options, next_image_callback=lambda: _say("camera")
     )
     shutil.rmtree(output, ignore_errors=True)
-    best = max(models.values(), key=lambda m: m.num_reg_images(), default=None)
-    return None if best is None or best.num_reg_images() < MIN_SFM_PHOTOS else best
+    best = max(models.values(), key=_placed, default=None)
+    return best if _placed(best) >= MIN_SFM_PHOTOS else None
+
+
+def _placed(model: pycolmap.Reconstruction | None) -> int:
+    return model.num_reg_images() if model else 0
 
 
 def _number(image_id: int) -> str:
