@@ -61,10 +61,13 @@ class SfmOptions:
         low=0,
     )
     forward_angle: float = parameter(
-        8.0, "Minimum angle between the rays of two photos in forward motion, which may begin a model where others place fewer "
-        "than half of the photos",
-        "degrees", low=0.1, high=90,
-    )  # fmt: skip
+        8.0,
+        "Minimum angle between the rays of two photos in forward motion, which may begin a model where others place "
+        "fewer than half of the photos",
+        "degrees",
+        low=0.1,
+        high=90,
+    )
     matching: str = job_option("matching")
     seed: int = job_option("seed")
     threads: int = job_option("threads")
