@@ -144,6 +144,6 @@ def match_reduced(
     search = PatchMatchOptions(
         neighbours=options.neighbours, best=options.best, rounds=options.rounds, texture=options.deviation,
         sure_score=options.score, agreed_score=min(options.score, PatchMatchOptions.agreed_score),
-        unmatched_rounds=options.rounds, unmatched_score=options.score,
+        unmatched_rounds=options.rounds, unmatched_share=0.0, unmatched_score=options.score,
     )  # fmt: skip
     return improve_depths(depths, points, stereo.neighbours, search, check)

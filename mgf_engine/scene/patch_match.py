@@ -5,14 +5,14 @@ Semi-global matching compares pairs of photos on surfaces that face the camera. 
 those of pixels around it, and keeps the one with the highest correlation in its neighbours; a second pass adds the
 distance from the depths that the first one found in these (geometric consistency, Schönberger et al. 2016). A depth
 counts if both matchings find it: depths that only one finds are mostly reflections, or ground at the masks' borders.
-By default only photos that semi-global matching cannot rectify with any other are searched: those of forward motion, or
-of very different focal lengths. In the others it gains on shiny sheet and loses completeness elsewhere
-(docs/decisions/035 and 078).
+By default it is for scenes most of whose photos semi-global matching can rectify with no other one, since the camera
+moved forward or focal lengths differ much. Elsewhere it gains on shiny sheet and loses completeness (docs/decisions/035
+and 078).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,7 +41,10 @@ class PatchMatchOptions:
         0, "Number of rounds, each with half the random changes; 0 for semi-global matching alone, 2 for shiny sheet"
     )
     unmatched_rounds: int = parameter(
-        3, "Number of rounds for a photo that semi-global matching can match with no other one; 0 for none"
+        3, "Number of rounds for photos that semi-global matching can match with no other one; 0 for none"
+    )
+    unmatched_share: float = parameter(
+        0.5, "Share of the photos with neighbours from which those that it cannot match are searched", high=1
     )
     unmatched_score: float = parameter(0.6, "Minimum correlation, less that cost, of a depth of such a photo", high=1)
     consistent_rounds: int = parameter(2, "Number of further rounds that compare depths with those of the neighbours")
@@ -101,7 +104,7 @@ def improve_depths(
     options: PatchMatchOptions,
     check: Callable[[], None],
 ) -> Depths:
-    """Search the planes of all pixels from depth maps by semi-global matching, and of photos that have none.
+    """Search the planes of all pixels from depth maps by semi-global matching; or of the photos without one.
 
     Args:
         depths: those maps; photos without neighbours or sparse points keep theirs.
@@ -110,25 +113,25 @@ def improve_depths(
         options: the search, and which depths count.
         check: called between photos; may raise to cancel.
     """
-    rounds = {i: options.rounds if i in depths.maps else options.unmatched_rounds for i in points.views}
-    if not any(rounds.values()):
+    near_by = {i: near for i, near in points.neighbours(options.neighbours, choice).items() if near}
+    number = _rounds(near_by.keys(), depths.maps.keys(), options)
+    chosen = {i: near for i, near in near_by.items() if number[i]}
+    if not chosen:
         return depths
-    near_by = points.neighbours(options.neighbours, choice)
-    chosen = {i: near for i, near in near_by.items() if near and rounds[i]}
     planes = {}
     for i in chosen:
         check()
         begun = _begin(depths.photos[i], depths.maps.get(i), points.scene.points[points.observed[i]], options, seed=i)
         if begun is not None:
             planes[i] = begun
-            _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(rounds[i]), options)
+            _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(number[i]), options)
     for k in range(options.consistent_rounds):
         maps = {i: p.depth(depths.photos[i].grey.shape, options.consistency_min_ncc) for i, p in planes.items()}
         maps = {**depths.maps, **maps}
         for i in planes:
             check()
             near = [j for j in chosen[i] if j in maps]
-            later = range(rounds[i] // 2 + k, rounds[i] // 2 + k + 1)
+            later = range(number[i] // 2 + k, number[i] // 2 + k + 1)
             _search(
                 depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], later, options
             )
@@ -137,6 +140,13 @@ def improve_depths(
         for i, p in planes.items()
     }
     return replace(depths, neighbours={**depths.neighbours, **chosen}, maps={**depths.maps, **found})
+
+
+def _rounds(views: Set[int], matched: Set[int], options: PatchMatchOptions) -> dict[int, int]:
+    """Return the number of rounds of each view with neighbours, by which of them semi-global matching could match."""
+    unmatched = views - matched
+    enough = len(unmatched) >= options.unmatched_share * len(views)
+    return {i: options.rounds if i in matched else options.unmatched_rounds * enough for i in views}
 
 
 def _begin(

@@ -202,7 +202,7 @@ def test_photos_that_semi_global_matching_cannot_match_get_a_depth_map(known: Sc
     """The others keep theirs, which rate its planes."""
     maps = {i: TRUTH[i].astype(np.float32) for i in (1, 2, 3)}
     before = replace(poor_depths(), maps=maps)
-    choice, options = NeighbourOptions(angles=(1.0, 10.0, 40.0)), PatchMatchOptions()
+    choice, options = NeighbourOptions(angles=(1.0, 10.0, 40.0)), PatchMatchOptions(unmatched_share=0.25)
     after = patch_match.improve_depths(before, all_points(known), choice, options, lambda: None)
     assert all(after.maps[i] is before.maps[i] for i in (1, 2, 3))
     inner = np.zeros(TRUTH[0].shape, bool)
@@ -210,8 +210,9 @@ def test_photos_that_semi_global_matching_cannot_match_get_a_depth_map(known: Sc
     found = inner & (after.maps[0] > 0)
     assert found.sum() > 0.6 * inner.sum()
     assert (np.abs(after.maps[0] / TRUTH[0] - 1) < 0.01)[found].mean() > 0.9
-    off = replace(options, unmatched_rounds=0)
-    assert patch_match.improve_depths(before, all_points(known), choice, off, lambda: None) is before
+    for off in ({"unmatched_rounds": 0}, {"unmatched_share": 0.5}):
+        least = replace(options, **off)
+        assert patch_match.improve_depths(before, all_points(known), choice, least, lambda: None) is before
 
 
 def test_it_can_be_cancelled(known: Scene) -> None:
