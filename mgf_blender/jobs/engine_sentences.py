@@ -104,10 +104,7 @@ WARNINGS = (
         "The background clicks {clicks} in '{photo}' contradict the other photos. They are still used; delete them if "
         "they are mistakes."
     ),
-    N_(
-        "The mask of '{photo}' misses the clicks {clicks}, although other photos confirm them; add clicks around them, "
-        "in this and in other photos."
-    ),
+    N_("The mask of '{photo}' misses the clicks {clicks}; add clicks around them, in this and in other photos."),
     N_(
         "{share} of the building has neither texture nor sparse points; the mesh is interpolated there. Closer photos, "
         "a higher Resolution or slanting light would help."

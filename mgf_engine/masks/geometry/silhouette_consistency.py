@@ -139,14 +139,34 @@ def _largest_in_regions(silhouette: Silhouette, cells: NDArray[np.float64], shar
     shown = (depth > 0) & (x >= -radius) & (y >= -radius) & (x < w + radius) & (y < h + radius)
     shown &= radius <= max(h, w)  # else the camera stands in the cell
     x, y, radius, share = (values[shown] for values in (x, y, radius, share))
-    largest = np.zeros((h, w), np.float32)
-    for r in np.unique(radius).astype(int):
-        rows = radius == r
-        spots = np.zeros((h + 2 * r, w + 2 * r), np.float32)
-        at = np.clip(y[rows] + r, 0, h + 2 * r - 1), np.clip(x[rows] + r, 0, w + 2 * r - 1)
-        np.maximum.at(spots, tuple(a.astype(np.int64) for a in at), share[rows])
-        grown = cv2.dilate(spots, np.ones((2 * r + 1, 2 * r + 1), np.uint8))
-        np.maximum(largest, grown[r : r + h, r : r + w], out=largest)
+    largest = _largest_of_squares((h, w), x.astype(np.int64), y.astype(np.int64), radius.astype(np.int64), share)
     label, count = regions.labels.ravel(), len(regions.area)
     pixels = np.maximum(np.bincount(label, minlength=count), 1)
     return np.asarray(np.bincount(label, largest.ravel(), minlength=count) / pixels, np.float32)
+
+
+def _largest_of_squares(
+    shape: tuple[int, int], x: NDArray[np.int64], y: NDArray[np.int64], radius: NDArray[np.int64], value: Array
+) -> Array:
+    """Return the largest value of the squares over each pixel of an image, 0 without any, [H, W].
+
+    Args:
+        shape: of the image.
+        x: column of each square's centre, at most its radius outside of the image, [N].
+        y: row, [N].
+        radius: the squares have 2 radius + 1 pixels a side, [N].
+        value: at least 0, [N].
+    """
+    order = np.argsort(-radius, kind="stable")
+    x, y, radius, value = x[order], y[order], radius[order], value[order]
+    first = np.flatnonzero(np.diff(radius, prepend=-1))  # of each radius
+    radii = radius[first].tolist()
+    pad = radii[0] if radii else 0
+    largest: Array = np.zeros((shape[0] + 2 * pad, shape[1] + 2 * pad), np.float32)
+    # From the largest to the smallest: a square grows step by step together with all that are smaller than it.
+    for r, smaller, rows in zip(radii, [*radii[1:], 0], np.split(np.arange(len(order)), first[1:]), strict=False):
+        np.maximum.at(largest, (y[rows] + r, x[rows] + r), value[rows])
+        step = r - smaller
+        grown = np.asarray(cv2.dilate(largest, np.ones((2 * step + 1, 2 * step + 1), np.uint8)), np.float32)
+        largest = grown[step : len(grown) - step, step : grown.shape[1] - step].copy()
+    return largest

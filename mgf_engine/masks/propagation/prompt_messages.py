@@ -44,19 +44,19 @@ class PromptMessages:
     prompts: Prompts
     labels: Sequence[NDArray[np.uint8]]
 
-    def sentences(self, outliers: list[OutlierPrompt], confirmed: list[OutlierPrompt], ignored: bool) -> list[str]:
+    def sentences(self, outliers: list[OutlierPrompt], doubted: list[OutlierPrompt], ignored: bool) -> list[str]:
         """Make a sentence for each photo with outliers, or one for all where none could be left out.
 
         Args:
             outliers: clicks that the other photos contradict.
-            confirmed: outliers that other photos confirm after all.
+            doubted: clicks that are used although others do not explain them.
             ignored: whether outliers were left out.
         """
         out = ignored_outliers(outliers, self.prompts)
         if out and not ignored:
             names = ", ".join(self._name(i) for i in sorted({d.view for d in outliers}))
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
-        used, missed = [d for d in outliers if d not in out], [d for d in confirmed if self._misses(d)]
+        used, missed = [d for d in outliers if d not in out], [d for d in doubted if self._misses(d)]
         lost = [d for d in out if not d.positive or self._misses(d)]
         texts = (lost, self._ignored_text), (used, self._used_text), (missed, self._missed_text)
         return [
@@ -84,10 +84,10 @@ class PromptMessages:
         )
 
     def _missed_text(self, index: int, outliers: list[OutlierPrompt]) -> str:
-        """Describe the confirmed clicks that lie outside of the mask."""
+        """Describe the doubted clicks that lie outside of the mask."""
         return (
-            f"The mask of '{self._name(index)}' misses the clicks {self._spots(index, outliers)}, although other "
-            "photos confirm them; add clicks around them, in this and in other photos."
+            f"The mask of '{self._name(index)}' misses the clicks {self._spots(index, outliers)}; add clicks around "
+            "them, in this and in other photos."
         )
 
     def _misses(self, click: OutlierPrompt) -> bool:

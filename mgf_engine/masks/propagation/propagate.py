@@ -33,14 +33,10 @@ from mgf_engine.masks.propagation.correct_masks import MaskCorrection
 from mgf_engine.masks.propagation.draw_mask import draw_mask, make_hints
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.prompt_agreement import PromptAgreementOptions, drop_confirmed
+from mgf_engine.masks.propagation.prompt_cross_validation import PromptCrossValidation, PromptOutlierOptions
+from mgf_engine.masks.propagation.prompt_evidence import PromptEvidenceOptions
 from mgf_engine.masks.propagation.prompt_messages import PromptMessages
-from mgf_engine.masks.propagation.prompt_outliers import (
-    OutlierPrompt,
-    PromptOutlierOptions,
-    find_outlier_prompts,
-    ignored_outliers,
-    without_outliers,
-)
+from mgf_engine.masks.propagation.prompt_outliers import OutlierPrompt, ignored_outliers, without_outliers
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
@@ -142,11 +138,13 @@ class _Propagator:
 
     def _drop_outlier_prompts(self) -> list[OutlierPrompt]:
         """Leave out clicks that the other photos contradict; return all outliers, also those that are used."""
-        found = find_outlier_prompts(
-            self.walker, self.prompts, self.config.seed, self.config.algorithm(PromptOutlierOptions)
-        )
-        outliers = drop_confirmed(found, self.scene, self.prompts, self.config.algorithm(PromptAgreementOptions))
-        self.confirmed = [click for click in found if click not in outliers]
+        suspects = PromptCrossValidation(
+            self.walker, self.prompts, self.config.seed,
+            self.config.algorithm(PromptOutlierOptions), self.config.algorithm(PromptEvidenceOptions),
+        ).run()  # fmt: skip
+        agreement = self.config.algorithm(PromptAgreementOptions)
+        outliers = drop_confirmed(suspects.outliers, self.scene, self.prompts, agreement)
+        self.doubted = suspects.kept + [click for click in suspects.outliers if click not in outliers]
         kept = without_outliers(self.prompts, ignored_outliers(outliers, self.prompts))
         self.original = self.prompts
         if any(len(c.positive) for c in kept.values()):
@@ -259,7 +257,7 @@ class _Propagator:
 
     def _prompt_messages(self, outliers: list[OutlierPrompt]) -> list[str]:
         messages = PromptMessages(self.graph, self.original, self.labels)
-        return messages.sentences(outliers, self.confirmed, ignored=self.prompts is not self.original)
+        return messages.sentences(outliers, self.doubted, ignored=self.prompts is not self.original)
 
     def _test_without_points(self, reasons: list[str]) -> list[str]:
         """Replace flags that rest on too few points: test those masks by clicks and the other masks instead."""

@@ -102,14 +102,24 @@ class LabelPropagation:
         strength = weight * np.abs(2 * wanted - 1) + 1e-4
         return self.graph.solve(pull + strength, pull * target + strength * wanted, probability)
 
-    def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
-        """Compare positive and negative clicks by fading random walks; returns which is nearer, and how reliably."""
+    def fading_walks(self, pull: Array, target: Array) -> tuple[Array, Array]:
+        """Return the probability that a random walk from each node that may end at every step ends at clicks on the
+        building, and that it ends at clicks beside it, [N] each; both are 0 where no click is near.
+
+        Args:
+            pull: strength of the clicks, [N].
+            target: what they say, 0..1, [N].
+        """
         stiffness = pull + self.options.termination * np.maximum(self.graph.degree, 0.1)
         wanted = target, 1.0 - target
-        walks = parallel_map(
+        building, background = parallel_map(
             lambda k: self.graph.solve(stiffness, pull * wanted[k], None), range(2), self.graph.threads
         )
-        near = [np.maximum(walk, 1e-9) for walk in walks]
+        return building, background
+
+    def _first_guess(self, pull: Array, target: Array) -> tuple[Array, Array]:
+        """Compare positive and negative clicks by fading random walks; returns which is nearer, and how reliably."""
+        near = [np.maximum(walk, 1e-9) for walk in self.fading_walks(pull, target)]
         trust = np.clip(np.log(np.maximum(near[0], near[1]) / 1e-4) / np.log(1e4), 0, 1)
         return near[0] / (near[0] + near[1]), trust
 

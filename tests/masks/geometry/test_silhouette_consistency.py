@@ -12,6 +12,7 @@ from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.silhouette_consistency import (
     Silhouette,
     SilhouetteConsistencyOptions,
+    _largest_of_squares,
     silhouette_odds,
 )
 from mgf_engine.masks.propagation.superpixels import Superpixels
@@ -121,3 +122,16 @@ def test_two_photos_decide_nothing(photos: list[Silhouette]) -> None:
     """Too few others have any cell in their frame: the share is unknown, or the ray meets no cell."""
     for found in odds(photos[:2]):
         assert (found <= 1e-6).all()
+
+
+def test_squares_over_an_image_are_those_drawn_one_by_one():
+    rng = np.random.default_rng(2)
+    radius = rng.integers(0, 9, 200)
+    x, y = (np.floor(rng.uniform(-radius, size + radius)).astype(int) for size in (40, 30))
+    value = rng.uniform(0, 1, 200).astype(np.float32)
+    expected = np.zeros((30, 40), np.float32)
+    for column, row, r, v in zip(x, y, radius, value, strict=True):
+        square = expected[max(0, row - r) : max(0, row + r + 1), max(0, column - r) : max(0, column + r + 1)]
+        np.maximum(square, v, out=square)
+    assert np.array_equal(_largest_of_squares((30, 40), x, y, radius, value), expected)
+    assert not _largest_of_squares((30, 40), x[:0], y[:0], radius[:0], value[:0]).any()
