@@ -118,7 +118,7 @@ class PromptCrossValidation:
     def _predict(
         self, clicks: Sequence[OutlierPrompt], outliers: Sequence[OutlierPrompt], views: Sequence[int] | None
     ) -> list[_Prediction]:
-        """Predict clicks from those in the other groups without the outliers; the geometry is looked at in ``views``."""
+        """Predict clicks from those in the other groups without outliers; the geometry is looked at in ``views``."""
         count = min(self.options.groups, len(self.clicked))
         used = without_outliers(self.prompts, outliers)
 
