@@ -68,7 +68,7 @@ def masks_with(scene: Scene, last: str, folder: Path) -> tuple[MaskSet, list[str
 
 
 def test_an_end_in_the_colour_of_the_paving_is_building_by_one_click(scene: Scene, house: House, tmp_path: Path):
-    """Without the click the end stays out: the mean IoU is 0.6, and no photo from its side has more than 0.6."""
+    """Without the click the end stays out: the mean IoU is 0.55, and photos from its side have below 0.4."""
     masks, warnings = masks_with(scene, "end", tmp_path)
     for view, labels in zip(scene.views, masks.labels, strict=True):
         mine, true = building(labels), house.masks[view.name]
