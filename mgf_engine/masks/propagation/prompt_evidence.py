@@ -34,7 +34,7 @@ class PromptEvidenceOptions:
     leafy: float = parameter(0.3, "Similarity to plants above which a region or point shows leaves", high=1)
     grounded: float = parameter(0.5, "Membership of the ground plane above which a point is ground", high=1)
     clear_of_ground: float = parameter(
-        3.0, "Height above the ground from which points tie a part to the building", "thicknesses of the ground"
+        3.0, "Height above the ground, in thicknesses of its plane, from which points tie a part to the building"
     )
     least_walk: float = parameter(
         0.001, "Probability of ending at a click below which a fading random walk tells nothing", high=1
