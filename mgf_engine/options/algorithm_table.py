@@ -86,7 +86,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("mask_flags", "masks", "Masks that are left out", "masks.validation.mask_flags:FlagOptions"),
     Algorithm("densify_points", "masks", "Points by stereo where structure from motion found none", "masks.geometry.densify_points:DensifyOptions"),
     Algorithm("ground_plane", "masks", "Plane of the ground", "masks.geometry.ground_plane:GroundPlaneOptions", also=("preview",)),
-    Algorithm("gravity", "masks", "Direction up by vertical edges, gravity tags or level cameras", "scene.gravity:GravityOptions", also=("drawings", "models", "preview")),
+    Algorithm("gravity", "masks", "Direction up by vertical edges, gravity tags or level cameras", "scene.gravity:GravityOptions", also=("georef", "drawings", "models", "preview")),
     Algorithm("point_features", "masks", "Neighbours, normals and groups of points", "masks.geometry.point_features:PointFeatureOptions", also=("preview",)),
     Algorithm("overhangs", "masks", "Eaves and cornices, which no column reaches the ground from", "masks.geometry.overhangs:OverhangOptions", also=("preview",)),
     Algorithm("point_surface", "masks", "Surface around the points of the building", "masks.geometry.point_surface:SurfaceOptions", also=("preview",)),

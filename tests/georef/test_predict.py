@@ -102,8 +102,10 @@ def test_options_of_the_command_reach_the_algorithms(site, tmp_path):
     add_arguments(parser)
     parser.add_argument("--crs")
     given = ["job", "--config", str(tmp_path / "options.json"), "--set", "control_points.accuracy=0.02", "--crs", CRS]
+    given += ["--set", "gravity.tag_sd=2"]
     options = make_config(read_options(parser.parse_args(given))).algorithm(GeoreferenceOptions)
     assert (options.crs, options.point.accuracy, options.position.outlier) == (CRS, 0.02, 6.0)
+    assert options.gravity.tag_sd == 2.0
     for wrong in ("tsdf.band=3", "passes=3"):
         with pytest.raises(BadInput, match=f"does not use the option .{wrong[:-2]}."):
             read_options(parser.parse_args(["job", "--set", wrong]))
