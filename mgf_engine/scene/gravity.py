@@ -94,7 +94,8 @@ def up_from_cameras(views: Sequence[View], options: GravityOptions = GravityOpti
     """Estimate up from how cameras are held: upright with a level horizon, or straight down; unit [3].
 
     Up is perpendicular to the x axes of level cameras. Where they look in too few directions to tell (a facade), the
-    mean of what is up in the photos decides what they leave open.
+    mean of what is up in the photos decides what they leave open; of steep photos from above it is level itself, and
+    only the x axes count.
     """
     down = looking_down(views, options)
     if down is not None:

@@ -104,7 +104,7 @@ def improve_depths(
     options: PatchMatchOptions,
     check: Callable[[], None],
 ) -> Depths:
-    """Search the planes of all pixels from depth maps by semi-global matching; or of the photos without one.
+    """Search the planes of all pixels from depth maps by semi-global matching, by default of photos without one.
 
     Args:
         depths: those maps; photos without neighbours or sparse points keep theirs.
@@ -114,8 +114,8 @@ def improve_depths(
         check: called between photos; may raise to cancel.
     """
     near_by = {i: near for i, near in points.neighbours(options.neighbours, choice).items() if near}
-    number = _rounds(near_by.keys(), depths.maps.keys(), options)
-    chosen = {i: near for i, near in near_by.items() if number[i]}
+    rounds = _rounds(near_by.keys(), depths.maps.keys(), options)
+    chosen = {i: near for i, near in near_by.items() if rounds[i]}
     if not chosen:
         return depths
     planes = {}
@@ -124,16 +124,16 @@ def improve_depths(
         begun = _begin(depths.photos[i], depths.maps.get(i), points.scene.points[points.observed[i]], options, seed=i)
         if begun is not None:
             planes[i] = begun
-            _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(number[i]), options)
+            _search(depths.photos[i], [depths.photos[j] for j in chosen[i]], None, planes[i], range(rounds[i]), options)
     for k in range(options.consistent_rounds):
         maps = {i: p.depth(depths.photos[i].grey.shape, options.consistency_min_ncc) for i, p in planes.items()}
         maps = {**depths.maps, **maps}
         for i in planes:
             check()
             near = [j for j in chosen[i] if j in maps]
-            later = range(number[i] // 2 + k, number[i] // 2 + k + 1)
+            last = range(rounds[i] // 2 + k, rounds[i] // 2 + k + 1)
             _search(
-                depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], later, options
+                depths.photos[i], [depths.photos[j] for j in near], [maps[j] for j in near], planes[i], last, options
             )
     found = {
         i: _choose(p, depths.maps.get(i), depths.photos[i].grey.shape, depths.tolerance, options)
