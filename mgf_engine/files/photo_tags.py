@@ -16,6 +16,8 @@ from typing import Any
 from PIL import Image
 from PIL.ExifTags import IFD
 
+_PNG_EXIF = {"exif", "Raw profile type exif"}
+
 
 @dataclass(frozen=True)
 class PhotoTags:
@@ -45,11 +47,26 @@ def read_photo_tags(path: Path) -> PhotoTags:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(path) as image:
-                packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
-                gps = dict(image.getexif().get_ifd(IFD.GPSInfo))
+                return tags_of(image)
     except Exception:  # whatever a damaged header makes the reader raise
         return PhotoTags()
-    return PhotoTags(gps, read_xmp(packet))
+
+
+def tags_of(image: Image.Image) -> PhotoTags:
+    """Return the tags of an opened photo; none where they are damaged."""
+    try:
+        packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
+        return PhotoTags(dict(exif_of(image).get_ifd(IFD.GPSInfo)), read_xmp(packet))
+    except Exception:  # whatever a damaged header makes the reader raise
+        return PhotoTags()
+
+
+def exif_of(image: Image.Image) -> Image.Exif:
+    """Return the EXIF of an opened photo, without decoding it.
+
+    Pillow decodes a whole PNG to look for EXIF behind its pixels; only what stands before them counts.
+    """
+    return image.getexif() if image.format != "PNG" or not _PNG_EXIF.isdisjoint(image.info) else Image.Exif()
 
 
 def read_xmp(packet: bytes | str) -> dict[str, str]:

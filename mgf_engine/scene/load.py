@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput, is_full_disk
 from mgf_engine.files.atomic import atomic_folder, sweep
 from mgf_engine.files.images import UnreadablePhoto, read_infos
-from mgf_engine.files.photo_tags import read_photo_tags
 from mgf_engine.messages import Reporter
 from mgf_engine.model.photo_cache import PHOTOS
 from mgf_engine.model.scene import Scene, View
@@ -246,7 +245,7 @@ def _view(photo: Photo, rotation: NDArray[np.float64], translation: NDArray[np.f
         fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy, rotation=rotation, translation=translation,
         original_width=photo.width, original_height=photo.height, lens=camera.lens,
         photo=str(photo.path), orientation=photo.orientation, held=photo.held,
-        gravity=read_photo_tags(photo.path).up if photo.orientation == 1 else None,
+        gravity=photo.gravity,
     )  # fmt: skip
 
 

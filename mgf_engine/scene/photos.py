@@ -41,6 +41,7 @@ class Photo:
         orientation: the EXIF orientation to apply; 1 leaves the stored pixels.
         file: name of the working photo in the ``images`` folder.
         held: the EXIF orientation that is not applied, because the camera saw the stored pixels; 1 for none.
+        gravity: up by the photo's tags, unit vector in the camera's frame; None without, or where it is turned.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Photo:
     file: str
     camera: WorkingCamera
     held: int = 1
+    gravity: tuple[float, float, float] | None = None
 
 
 def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter: Reporter) -> list[Photo]:
@@ -82,8 +84,9 @@ def plan_photos(model: SparseModel, paths: list[Path], resolution: int, reporter
         if key not in cameras:
             cameras[key] = plan_camera(camera, (width, height), resolution)
         file = _file_name(index, image.name)
-        held = info.orientation if isinstance(info, PhotoInfo) and orientation == 1 else 1
-        photos.append(Photo(image.name, path, width, height, orientation, file, cameras[key], held))
+        stored = info if isinstance(info, PhotoInfo) and orientation == 1 else None
+        held, gravity = (stored.orientation, stored.tags.up) if stored else (1, None)
+        photos.append(Photo(image.name, path, width, height, orientation, file, cameras[key], held, gravity))
     if scaled:
         reporter.warning(
             f"{len(scaled)} of {len(photos)} photos have another size than their camera ({scaled[0]}); "
