@@ -103,7 +103,7 @@ def send_failed(reporter: Reporter, code: int, text: str, log: str | None = None
 
 @contextlib.contextmanager
 def watch_for_cancel(reporter: Reporter, on_eof: bool, patience: float | None = None) -> Iterator[None]:
-    """Have Ctrl-C and SIGTERM ask the job inside to stop at its next step; a second Ctrl-C stops it at once.
+    """Have Ctrl-C and SIGTERM ask the job inside to stop at its next step; one more Ctrl-C stops it at once.
 
     The caller's own signal handlers come back at the end. pycolmap, which nearly all commands need, is loaded here: it
     takes SIGTERM for itself then, to end the process with a stack trace, and has to give it back.
@@ -111,20 +111,28 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool, patience: float | None = 
     Args:
         reporter: of the job.
         on_eof: stop at the end of standard input, too.
-        patience: seconds after which the second Ctrl-C comes by itself, None for never.
+        patience: seconds after which the second Ctrl-C comes by itself, also after the end of standard input; None for
+            never.
     """
 
     def ask(number: int, frame: object) -> None:
+        if number == signal.SIGINT and reporter.cancelled:
+            # The handler of whoever called knows how to stop while modules are being loaded.
+            second = before[signal.SIGINT] if callable(before[signal.SIGINT]) else signal.default_int_handler
+            second(number, frame)
+            return
         reporter.cancel()
-        # The handler of whoever called knows how to stop while modules are being loaded.
-        second = before[signal.SIGINT] if callable(before[signal.SIGINT]) else signal.default_int_handler
-        signal.signal(signal.SIGINT, second)
         if number == signal.SIGINT:  # a thread says so: the sinks' locks may be held where the signal came
-            answers.append(threading.Thread(target=_say_stopping, args=(reporter,)))
-            answers[-1].start()
-        if patience is not None:
-            answers.append(threading.Thread(target=_stop_at_once, args=(patience, ended)))
-            answers[-1].start()
+            answer(_say_stopping, reporter)
+        stop_soon()
+
+    def stop_soon() -> None:
+        if patience is not None and before:
+            answer(_stop_at_once, patience, ended)
+
+    def answer(target: Callable[..., None], *arguments: object) -> None:
+        answers.append(threading.Thread(target=target, args=arguments))
+        answers[-1].start()
 
     answers: list[threading.Thread] = []
     ended = threading.Event()
@@ -135,15 +143,15 @@ def watch_for_cancel(reporter: Reporter, on_eof: bool, patience: float | None = 
 
         signal.signal(signal.SIGTERM, ask)
     if on_eof:
-        threading.Thread(target=_cancel_on_eof, args=(reporter,), daemon=True).start()
+        threading.Thread(target=_cancel_on_eof, args=(reporter, stop_soon), daemon=True).start()
     try:
         yield
     finally:
         if answers:  # a second Ctrl-C that is just being sent is not the caller's
             signal.signal(signal.SIGINT, lambda *_: None)
         ended.set()
-        for answer in answers:
-            answer.join()
+        for thread in answers:
+            thread.join()
         for number, handler in before.items():
             if handler is not None:  # one that C set cannot be set again from here
                 signal.signal(number, handler)
@@ -163,8 +171,9 @@ def _stop_at_once(patience: float, ended: threading.Event) -> None:
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
 
 
-def _cancel_on_eof(reporter: Reporter) -> None:
+def _cancel_on_eof(reporter: Reporter, stop_soon: Callable[[], None]) -> None:
     with contextlib.suppress(OSError, ValueError):
         while sys.stdin.readline():
             pass
     reporter.cancel()
+    stop_soon()

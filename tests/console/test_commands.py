@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import signal
 import subprocess
 import sys
@@ -69,6 +70,25 @@ def test_ctrl_c_stops_work_without_steps_where_nothing_can_be_lost() -> None:
             seen.append("cleaned up")
 
     args = argparse.Namespace(progress="none", cancel_on_eof=False)
+    assert run_reported(args, work, patience=0.1) == EXIT_CANCELLED
+    assert seen == ["cleaned up"]
+
+
+def test_the_end_of_standard_input_stops_work_that_is_far_from_a_step(monkeypatch) -> None:
+    """Blender cancels so."""
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    seen = []
+
+    def work(reporter: Reporter) -> None:
+        try:
+            end = time.monotonic() + 5
+            while time.monotonic() < end:
+                time.sleep(0.01)
+            seen.append("end")
+        finally:
+            seen.append("cleaned up")
+
+    args = argparse.Namespace(progress="none", cancel_on_eof=True)
     assert run_reported(args, work, patience=0.1) == EXIT_CANCELLED
     assert seen == ["cleaned up"]
 
