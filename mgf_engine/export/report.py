@@ -86,11 +86,17 @@ def report_job(
     scene, masks, field, mesh = results.scene, results.masks, results.field, results.mesh
     lpips = find_lpips(Path(job.config.weights) if job.config.weights else None)
     views = _view_reports(job, results, lpips, reporter)
-    drawing, turned = curve_svg(job.stages["field"]["figures"]["curve"]), turntable(mesh, scene)  # beside the texture
-    relief, evenness = turntable(mesh, scene, _RELIEF_SIDES, relief=True), _evenness(mesh, scene)
+    drawing = curve_svg(job.stages["field"]["figures"]["curve"])
+    turned = turntable(mesh, scene)  # this and the next two beside the texture
+    reporter.check()
+    relief = turntable(mesh, scene, _RELIEF_SIDES, relief=True)
+    reporter.check()
+    evenness = _evenness(mesh, scene)
+    reporter.check()
     made = texture()
     reporter.progress(0.8)
     quality = None if made is None else _show_texture(mesh, made, scene, masks, views)
+    reporter.progress(0.9)
     data = _report_data(job, scene, masks, mesh, views)
     data.lpips = lpips.name if lpips else ""
     data.curve_drawing, data.turntable = drawing, list(turned)
@@ -100,6 +106,7 @@ def report_job(
         data.confidence_pictures = list(
             turntable(colored_by_confidence(mesh), scene, _CONFIDENCE_SIDES, grey_behind=True)
         )
+    reporter.check()
     data.pixel = _pixel(evenness, fit)
     data.advice = advice(_facts(scene, masks, data))
     data.georeference, data.georeference_html = georeference_figures(fit), georeference_html(fit, scene)

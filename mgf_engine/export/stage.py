@@ -49,6 +49,7 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     rated = load_mesh(job, ("confidence", "views"))
     mesh = replace(rated, values={})
     fit = georeference_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
+    reporter.check()
     field = load_field(job).to(choose_device(job.config.device).device)
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))
     shown = replace(normalised, values=rated.values)

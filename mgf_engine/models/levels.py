@@ -20,7 +20,7 @@ from mgf_engine.models.usd import FILE as PACKAGE
 from mgf_engine.models.usd import write_usd
 from mgf_engine.models.work import Work
 
-_REDUCED, _PAINTED = 0.2, 0.6  # shares of the work
+_REDUCED, _PAINTED, _WRITTEN = 0.2, 0.6, 0.7  # shares of the work
 
 
 def write_levels(work: Work) -> None:
@@ -38,10 +38,11 @@ def write_levels(work: Work) -> None:
             work.levels.append((mesh, _texture_of(work, mesh, k, partial(_share, work.reporter, begun, length))))
     if "lod" in work.wanted.kinds or "tiles" in work.wanted.kinds:
         with work.cost.of("levels of detail"):
-            errors = [_write_level(work, k) for k in range(len(chain))]
+            errors = [_write_level(work, k, len(chain)) for k in range(len(chain))]
     if "tiles" in work.wanted.kinds:
         _write_tiles(work, errors)
     if "usd" in work.wanted.kinds:
+        work.reporter.progress(_WRITTEN)
         with work.cost.of("USD"):
             write_usd(work.add(PACKAGE, kind="usd", levels=len(chain)), work.levels, work.survey)
 
@@ -57,8 +58,9 @@ def _texture_of(work: Work, mesh: Mesh, level: int, progress: partial[None]) -> 
     return transfer_texture(mesh, work.survey.mesh, work.texture, side, progress, work.config.algorithm(AtlasOptions))
 
 
-def _write_level(work: Work, level: int) -> float:
-    """Write a GLB; returns how far it lies from the full mesh (95 % of both surfaces)."""
+def _write_level(work: Work, level: int, count: int) -> float:
+    """Write a GLB, one of ``count``; returns how far it lies from the full mesh (95 % of both surfaces)."""
+    work.reporter.progress(_PAINTED + (_WRITTEN - _PAINTED) * level / count)
     full, (mesh, texture) = work.survey.mesh, work.levels[level]
     deviation = measure_deviation(full, mesh)
     path = work.add(f"mesh_lod{level}.glb", kind="lod", level=level, faces=len(mesh.faces),

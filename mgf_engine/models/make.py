@@ -31,6 +31,8 @@ from mgf_engine.models.work import ModelOptions, Work
 STAGE = "models"
 INDEX = "models.json"
 FORMAT = 1
+#: Shares of the work after which the solid, its windows and doors, IFC, and the points begin, for the progress bar.
+_SOLID, _OPENINGS, _IFC, _POINTS, _LAZ = 0.75, 0.85, 0.9, 0.92, 0.96
 
 
 def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Reporter) -> Path:
@@ -56,6 +58,7 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
             painted = (job / IMAGE).is_file() and (job / COORDINATES).is_file()
             texture = read_texture(job) if painted else None
         warn_of_unknown_scale(survey, reporter)
+        reporter.check()
         work = Work(
             job=job, survey=survey, texture=texture, wanted=wanted,
             config=config, folder=beside, reporter=reporter, cost=cost,
@@ -76,14 +79,17 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
 def _points(work: Work) -> None:
     """Write the points of the surface as LAZ."""
     spacing = work.wanted.spacing or work.survey.working_pixel
+    work.reporter.progress(_POINTS)
     with work.cost.of("points"):
         points, colors, normals = surface_points(work.survey.mesh, work.texture, spacing)
+        work.reporter.progress(_LAZ)
         path = work.add(POINTS, kind="points", points=len(points), spacing=round(spacing, 6))
         write_laz(path, work.survey, points, colors, normals)
 
 
 def _solid(work: Work) -> None:
     """Write the solid as CityJSON and IFC; a sentence where there is none, or only a block."""
+    work.reporter.progress(_SOLID)
     with work.cost.of("solid"):
         try:
             solid = build_solid(work.survey, work.wanted.detail, work.config.algorithm(SolidOptions))
@@ -99,6 +105,7 @@ def _solid(work: Work) -> None:
                 f"{solid.party:.0%} of the walls are party walls: nobody saw them, and roof and walls end in their "
                 "planes ('--set party_walls.found=off' leaves them open)."
             )
+        work.reporter.progress(_OPENINGS)
         detailed = add_openings(solid, work.survey, work.config.algorithm(OpeningOptions))
         ground = float(work.survey.world(np.array([0.0, 0.0, solid.ground]))[2])
         facts = {
@@ -112,6 +119,7 @@ def _solid(work: Work) -> None:
         if "solid" in work.wanted.kinds:
             write_json(work.add(CITYJSON, **facts), make_cityjson(solid, work.survey, name, detailed))
     if "ifc" in work.wanted.kinds:
+        work.reporter.progress(_IFC)
         with work.cost.of("IFC"):
             write_ifc(work.add(IFC, **{**facts, "kind": "ifc"}), detailed or solid, work.survey, name)
 
