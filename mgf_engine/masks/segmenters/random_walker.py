@@ -53,21 +53,29 @@ class RandomWalker:
             hints: clicks and points on the building and beside it.
             attempt: 0 for the first; a further one follows the points closer.
         """
-        probability = hints.probability if attempt == 0 else follow_points(hints, self.options)
+        probability = hints.probability if attempt == 0 else follow_points(photo, hints, self.options)
         mask = clean(to_edges(photo, probability, self.options) > 0.5, hints, self.options)
         return Segment(mask, agreement(mask, hints))
 
 
-def follow_points(hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()) -> NDArray[np.float32]:
-    """Blend the probability with the labels of the sparse points around each pixel of this photo."""
+def follow_points(
+    photo: NDArray[np.uint8], hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()
+) -> NDArray[np.float32]:
+    """Blend the probability with the labels of the sparse points around each pixel of this photo.
+
+    A label spreads by a domain transform (Gastal and Oliveira 2011) and stops at edges: sky and plain ground hold no
+    points of their own that would keep the building's away.
+    """
     h, w = hints.probability.shape
     radius = options.near * max(h, w)
-    votes = np.zeros((2, h, w), np.float32)
-    for plane, points in zip(votes, (hints.rejected, hints.accepted), strict=True):
-        np.add.at(plane, pixel_at((h, w), points), 1)
-    near = [cv2.GaussianBlur(v, (0, 0), radius) * (2 * np.pi * radius**2) for v in votes]
+    votes = np.zeros((h, w, 3), np.float32)
+    for plane, points in enumerate((hints.rejected, hints.accepted)):
+        np.add.at(votes[..., plane], pixel_at((h, w), points), 1)
+    guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
+    spread = cv2.ximgproc.dtFilter(guide, votes, radius, options.edge * 255, mode=cv2.ximgproc.DTF_NC)
+    near = spread * (2 * np.pi * radius**2)
     weight = 0.5  # weight of the probability: half a point
-    return ((near[1] + weight * hints.probability) / (near[0] + near[1] + weight)).astype(np.float32)
+    return ((near[..., 1] + weight * hints.probability) / (near[..., 0] + near[..., 1] + weight)).astype(np.float32)
 
 
 def to_edges(

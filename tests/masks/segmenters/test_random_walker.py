@@ -51,10 +51,19 @@ def test_a_second_attempt_follows_the_points():
     ys, xs = np.mgrid[42:118:4, 62:178:4]
     accepted = np.stack([xs.ravel(), ys.ravel()], 1).astype(float)
     given = hints(SHAPE, accepted=accepted, probability=probability)
-    assert follow_points(given).shape == SHAPE
+    assert follow_points(photo(), given).shape == SHAPE
     first, second = RandomWalker().segment(photo(), given), RandomWalker().segment(photo(), given, attempt=1)
     assert first.score == 0 and second.score > 0.9
     assert (second.mask & square()).sum() / (second.mask | square()).sum() > 0.8
+
+
+def test_in_a_second_attempt_the_labels_of_points_stop_at_edges():
+    ys, xs = np.mgrid[42:118:3, 62:178:3]  # up to the roof, and no point in the sky contradicts
+    accepted = np.stack([xs.ravel(), ys.ravel()], 1).astype(float)
+    given = hints(SHAPE, accepted=accepted, probability=0.3 * square().astype(np.float32))
+    second = RandomWalker().segment(photo(), given, attempt=1).mask
+    assert (second & ~square()).sum() < 0.02 * square().sum()
+    assert (second & square()).sum() > 0.95 * square().sum()
 
 
 def test_agreement():
