@@ -148,8 +148,12 @@ class MaskCorrection:
 
     def _fill_ignored(self, on_surface: Sequence[NDArray[np.bool_]], voters: Sequence[int]) -> None:
         """Take for building what all masks ignore at the same place of its surface."""
-        options = self.config.algorithm(IgnoredSurfaceOptions)
-        pieces = find_ignored_surface(self.graph.full, self.labels, on_surface, voters, self.all_prompts, options)
+        least = self.config.algorithm(LeafOptions).leafy
+        pieces = find_ignored_surface(
+            self.graph.full, self.labels, on_surface, voters, self.all_prompts,
+            lambda index: self._of_regions(index, self.graph.plants) > least,
+            self.config.algorithm(IgnoredSurfaceOptions),
+        )  # fmt: skip
         for labels, piece in zip(self.labels, pieces, strict=True):
             labels[piece] = BUILDING
 

@@ -2,12 +2,12 @@
 """Find ignored pieces of masks that are the building itself: all photos ignore the same place of its surface.
 
 What stands before the building hides another place of it in each photo. A door in a colour of its own, which the masks
-take neither for building nor for background, is ignored by all.
+take neither for building nor for background, is ignored by all. So is a shrub close to a wall; but it has leaves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -30,6 +30,7 @@ class IgnoredSurfaceOptions:
                             low=1)  # fmt: skip
     points: int = parameter(5, "Minimum number of such points in a piece of a mask", low=1)
     share: float = parameter(0.5, "Minimum share of a piece's points that are such points", high=1)
+    leaves: float = parameter(0.1, "Maximum share of leaves in the area of a piece", high=1)
 
 
 def find_ignored_surface(
@@ -38,6 +39,7 @@ def find_ignored_surface(
     on_surface: Sequence[NDArray[np.bool_]],
     voters: Sequence[int],
     prompts: Prompts,
+    leaves: Callable[[int], NDArray[np.bool_]],
     options: IgnoredSurfaceOptions = IgnoredSurfaceOptions(),
 ) -> list[NDArray[np.bool_]]:
     """Find the ignored pieces of all masks that are the building, bool [H, W] each.
@@ -49,7 +51,8 @@ def find_ignored_surface(
         voters: views whose masks are good enough to vote.
         prompts: clicks by view index; a piece with a click beside the building stays ignored, and so does what other
             photos show of it.
-        options: fewest photos and points.
+        leaves: index of a view -> its pixels that look like leaves, bool [H, W].
+        options: fewest photos and points, and most leaves.
     """
     count = len(scene.points)
     ignored, other = np.zeros(count, np.int64), np.zeros(count, np.int64)
@@ -67,13 +70,19 @@ def find_ignored_surface(
         piece, here = _pieces(labels[index]), scene.observations(index)
         beside = (piece > 0) & np.isin(piece, piece[pixel_at(piece.shape, clicks.negative)])
         points[scene.track_point[here][beside[pixel_at(piece.shape, scene.track_uv[here])]]] = False
-    return [_held(scene, index, label, points, options) for index, label in enumerate(labels)]
+    return [_held(scene, index, label, points, leaves, options) for index, label in enumerate(labels)]
 
 
 def _held(
-    scene: Scene, index: int, label: NDArray[np.uint8], points: NDArray[np.bool_], options: IgnoredSurfaceOptions
+    scene: Scene,
+    index: int,
+    label: NDArray[np.uint8],
+    points: NDArray[np.bool_],
+    leaves: Callable[[int], NDArray[np.bool_]],
+    options: IgnoredSurfaceOptions,
 ) -> NDArray[np.bool_]:
-    """Return the ignored pieces of a mask with enough observations of ``points`` [P] among all, bool [H, W]."""
+    """Return the ignored pieces of a mask with enough observations of ``points`` [P] among all, less those with
+    ``leaves``, bool [H, W]."""
     own = observed_pixels(scene, index, points)
     if len(own) < options.points:
         return np.zeros(label.shape, bool)
@@ -82,6 +91,9 @@ def _held(
     count, every = (np.bincount(piece[pixel_at(label.shape, uv)], minlength=number) for uv in (own, seen))
     held = (count >= options.points) & (count >= options.share * every)
     held[0] = False
+    if held.any():
+        area = np.bincount(piece.ravel(), minlength=number)
+        held &= np.bincount(piece[leaves(index)], minlength=number) <= options.leaves * area
     return np.asarray(held[piece], bool)
 
 

@@ -21,6 +21,7 @@ SCENE = make_scene(
 )
 
 NO_CLICKS: Prompts = {}
+BARE = np.zeros((10, 20), bool)
 
 
 def masks(left: float | list[float]) -> list[np.ndarray]:
@@ -39,20 +40,28 @@ def found(
     on_surface: bool = True,
     voters: range = range(4),
     prompts: Prompts = NO_CLICKS,
+    leaves: np.ndarray = BARE,
     **options: float,
 ) -> list[int]:
     """How many pixels of each mask are the building."""
 
     surface = [np.full(len(SCENE.observations(index)), on_surface) for index in range(len(VIEWS))]
-    pieces = find_ignored_surface(SCENE, labels, surface, voters, prompts, IgnoredSurfaceOptions(**options))  # type: ignore[arg-type]
+    chosen = IgnoredSurfaceOptions(**options)  # type: ignore[arg-type]
+    pieces = find_ignored_surface(SCENE, labels, surface, voters, prompts, lambda index: leaves, chosen)
     return [int(piece.sum()) for piece in pieces]
 
 
 def test_what_all_photos_ignore_at_the_same_place_is_the_building() -> None:
     labels = masks(-0.2)
     surface = [np.ones(len(SCENE.observations(index)), bool) for index in range(len(VIEWS))]
-    pieces = find_ignored_surface(SCENE, labels, surface, range(4), {})
+    pieces = find_ignored_surface(SCENE, labels, surface, range(4), {}, lambda index: BARE)
     assert all((piece == (label == IGNORE)).all() for piece, label in zip(pieces, labels, strict=True))
+
+
+def test_a_shrub_close_to_the_wall_is_not_though_all_photos_ignore_it() -> None:
+    leaves = BARE.copy()
+    leaves[7:] = True  # its other parts are too dark to look like leaves
+    assert found(masks(-0.2), leaves=leaves) == [0, 0, 0, 0]
 
 
 def test_what_hides_another_place_in_each_photo_stays_ignored() -> None:
