@@ -29,7 +29,9 @@ class MaskDrawingOptions:
     hole: float = parameter(0.02, "Share of the photo below which a hole without points in it is filled", high=1)
     least_points: int = parameter(3, "Number of points that keep a piece or a hole", low=1)
     edge: float = parameter(
-        0.03, "Difference of colour that the guided filter takes for an edge, as a share of all grey levels", low=1e-4
+        0.03,
+        "Difference of colour that is an edge for the guided filter and the labels of points, as a share of all grey levels",
+        low=1e-4,
     )
     radius: float = parameter(0.01, "Radius of the guided filter, as a share of the longer side", high=1)
     near: float = parameter(
