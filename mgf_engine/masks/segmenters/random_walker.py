@@ -30,7 +30,7 @@ class MaskDrawingOptions:
     least_points: int = parameter(3, "Number of points that keep a piece or a hole", low=1)
     edge: float = parameter(
         0.03,
-        "Difference of colour that is an edge to the guided filter and to labels of points, as a share of all grey levels",
+        "Difference of colour that is an edge to the guided filter and labels of points, as a share of all grey levels",
         low=1e-4,
     )
     radius: float = parameter(0.01, "Radius of the guided filter, as a share of the longer side", high=1)
