@@ -109,7 +109,41 @@ def label_vertices(
     counted = np.minimum(area, options.largest_area)
     cost = counted[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, options)
     label = _choose(mesh, pixel, planes, candidates.near, cost, counted * options.no_plane_cost, options)
+    label = drop_islands(mesh, area, label, flat, options)
     return fill_islands(mesh, pixel, area, planes, label, flat, options)
+
+
+def drop_islands(
+    mesh: Mesh,
+    area: Array,
+    label: NDArray[np.int32],
+    flat: NDArray[np.int32],
+    options: PlaneLabelOptions = PlaneLabelOptions(),
+) -> NDArray[np.int32]:
+    """Take the labels of small groups in one plane where flattening moved most of them into another plane.
+
+    Their neighbours have no label and stay in that plane, a pixel or two from the group: teeth on a flat wall.
+
+    Args:
+        mesh: its faces.
+        area: a third of that of the faces around each vertex, in square ground pixels, [N].
+        label: the plane of each vertex, [N], -1 for none.
+        flat: the plane that flattening moved each vertex into, [N], -1 for none.
+        options: how small.
+
+    Returns:
+        The labels without those of the groups, [N].
+    """
+    known = np.where(label >= 0, label, flat)
+    start, neighbour = mesh.adjacency.neighbours()
+    vertex = np.repeat(np.arange(len(known)), np.diff(start))
+    same = known[vertex] == known[neighbour]
+    group = label_components(len(known), vertex[same], neighbour[same])
+    count = int(group.max(initial=-1)) + 1
+    elsewhere = (label >= 0) & (flat >= 0) & (flat != label)
+    small = np.bincount(group, area, count) < options.island_area
+    most = 2 * np.bincount(group, elsewhere, count) > np.bincount(group, minlength=count)
+    return np.where((small & most)[group], np.int32(-1), label)
 
 
 def fill_islands(

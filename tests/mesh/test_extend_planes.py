@@ -12,7 +12,7 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices, widest_angle
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_detection import Planes
-from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, fill_islands, label_vertices
+from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, drop_islands, fill_islands, label_vertices
 from mgf_engine.model.mesh import Mesh
 from tests.support.analytic import camera
 from tests.support.sheets import box, joined, noisy, sheet
@@ -296,6 +296,32 @@ def test_a_small_island_gets_the_plane_around_it():
 @pytest.mark.parametrize(("radius", "height", "turn"), [(8.0, 1.5, 0.0), (5.0, 3.0, 0.0), (5.0, 1.5, 40.0)])
 def test_large_and_tall_islands_and_those_on_edges_stay(radius, height, turn):
     assert (island(radius, height, turn) == -1).all()
+
+
+def dropped(radius, own=0, wider=0.0):
+    """Labels after groups are dropped: plane 1 within ``radius`` of the middle of a wall that was flattened into plane 0.
+
+    Flattening moved the group into plane ``own``; within ``wider`` of a corner of the wall it moved all into plane 1.
+    """
+    mesh = joined(sheet(LINE, LINE, lambda u, v: (u, v, np.zeros_like(u))))
+    x, y = mesh.vertices[:, :2].T
+    inside = np.hypot(x - 75, y - 75) < radius
+    label = np.where(inside, 1, -1).astype(np.int32)
+    flat = np.where(inside, own, np.hypot(x, y) < wider).astype(np.int32)
+    result = drop_islands(mesh, vertex_areas(mesh), label, flat)
+    assert (result[~inside] == -1).all()
+    return result[inside]
+
+
+def test_a_small_group_in_another_plane_than_it_was_flattened_into_goes_back():
+    assert (dropped(1.0) == -1).all(), "one vertex"
+    assert (dropped(5.0) == -1).all()
+
+
+def test_large_groups_planes_of_their_own_and_ends_of_large_planes_stay():
+    assert (dropped(8.0) == 1).all()
+    assert (dropped(5.0, own=1) == 1).all(), "flattening found that plane, too"
+    assert (dropped(5.0, wider=103.0) == 1).all(), "the plane goes on beside the group"
 
 
 def test_borders_of_walls_that_were_only_flattened_become_straight():
