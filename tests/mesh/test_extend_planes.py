@@ -299,9 +299,9 @@ def test_large_and_tall_islands_and_those_on_edges_stay(radius, height, turn):
 
 
 def dropped(radius, own=0, wider=0.0):
-    """Labels after groups are dropped: plane 1 within ``radius`` of the middle of a wall that was flattened into plane 0.
+    """Labels after groups are dropped: plane 1 within ``radius`` of the middle of a wall that lies in plane 0.
 
-    Flattening moved the group into plane ``own``; within ``wider`` of a corner of the wall it moved all into plane 1.
+    Flattening moved the group into plane ``own``, and all within ``wider`` of a corner of the wall into plane 1.
     """
     mesh = joined(sheet(LINE, LINE, lambda u, v: (u, v, np.zeros_like(u))))
     x, y = mesh.vertices[:, :2].T
