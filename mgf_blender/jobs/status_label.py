@@ -26,6 +26,9 @@ _START = {
     "views": N_("Reading masks"), "lines": N_("Finding edges"), "dense": N_("Matching photos"),
     "planes": N_("Finding planes"), "cut": N_("Making the surface"),
 }  # fmt: skip
+#: Separators without height before the bar. When the layout changes, Blender 4 takes the first label or box for the bar
+#: that the pointer lies on, and draws it as a bar, unless there was something else before it to take it for.
+_SPARES = 40
 #: What is shown while a command runs that is no stage.
 _TOOLS = {
     "drawings": N_("Drawings"), "models": N_("Models"), "georef": N_("Georeference"), "suggest": N_("Proposing points"),
@@ -36,6 +39,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     """Draw the progress of a running job, or how the last one ended."""
     box = layout.box().column(align=True)
     if job.live:
+        for _ in range(_SPARES):
+            box.separator(factor=0.0)
         row = box.row(align=True)
         row.progress(factor=job.overall, text=_headline(job), translate=False)
         row.operator("mgf.cancel_job", text="", icon="X")

@@ -30,6 +30,7 @@ from ..scene_import.cameras import (
 )
 from ..scene_import.frame import SceneFrame, make_frame, turn_as_held
 from ..scene_import.imported_scene import ImportedScene, hide
+from ..scene_import.startup_cube import remove_startup_cube
 from .delivery import Delivery, ResultView, read_delivery
 from .parts import Parts, assign_parts, read_parts
 from .surface import show
@@ -204,6 +205,7 @@ def _frame_of_job(delivery: Delivery) -> SceneFrame:
 
 def _scene_of_job(scene: bpy.types.Scene, content: Content) -> ImportedScene:
     """Make the imported scene of a job that is brought in without its COLMAP scene."""
+    remove_startup_cube(scene)
     imported = ImportedScene.make(scene, content.delivery.folder.name, content.frame)
     add_cameras(imported, [v.camera for v in content.delivery.views])
     return imported

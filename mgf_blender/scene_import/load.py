@@ -17,6 +17,7 @@ from .frame import make_frame, turn_as_held
 from .imported_scene import ImportedScene
 from .locate import find_model, find_photo, find_photo_folder
 from .points import add_points
+from .startup_cube import remove_startup_cube
 
 _PLAIN_NAMES = {"0", "1", "sparse", "colmap", "dense", "images", "photos", "input"}
 
@@ -76,6 +77,7 @@ def import_scene(
         centres = np.array([p.centre for p in model.photos])
         frame = make_frame(model.points.xyz, rotations, centres, upright)
         if imported is None:
+            remove_startup_cube(scene)
             imported = ImportedScene.make(scene, name, frame)
         else:
             imported.place(name, frame)

@@ -81,7 +81,7 @@ class Recorder:
     def template_list(self, *_, **__):
         pass
 
-    def separator(self):
+    def separator(self, factor=1.0):
         pass
 
     @property

@@ -25,6 +25,7 @@ from driver import Window, engine_python, open_with_addon
 OPTIONS = {"preset": "quick", "resolution": 160}
 PREFERENCES = "bpy.context.preferences.addons['bl_ext.user_default.mgf'].preferences"
 DISK = 600  # kB of the full disk: enough to begin, not to end
+BAR = 473  # of the progress, pixels below the top of the sidebar
 
 
 def main() -> int:
@@ -53,6 +54,7 @@ def main() -> int:
         photos(window, scene)
         full_disk(window, disk)
         killed(window, out / "job")
+        bar_leaves_nothing(window, out / "again")
     finally:
         window.close()
         subprocess.run(["umount", "-l", disk], check=True)
@@ -134,6 +136,28 @@ def killed(window: Window, job: Path) -> None:
     ends(window, "7-killed", "FAILED")
     window.tell("py bpy.ops.mgf.resume('INVOKE_DEFAULT')")
     ends(window, "8-resumed", "DONE")
+
+
+def bar_leaves_nothing(window: Window, job: Path) -> None:
+    """The pointer rests on the progress bar until the job has ended: then the panel looks as it does without it."""
+    start(window, job)
+    window.move(*window.button(BAR))
+    window.shot("9-on-the-bar")
+    state = window.wait("the end", lambda s: s["jobs"][-1][1] in ("DONE", "FAILED"), 900)
+    assert state["jobs"][-1][1] == "DONE", state["jobs"][-1]
+    window.wait("the mesh", lambda s: s["objects"]["Mesh"] and not s["importing"], 60)
+    time.sleep(2)
+    window.shot("9-end")
+    window.move(300, 600)
+    time.sleep(2)
+    window.shot("9-away")
+    x, y, w, h = window.region("UI")
+    cut = ["-crop", f"{w - 22}x{h - 2}+{x}+{y}", "+repage"]
+    panels = [part for name in ("9-end", "9-away") for part in ("(", window.out / f"{name}.png", *cut, ")")]
+    compare = ["compare", "-metric", "AE", "-fuzz", "2%", *panels, "null:"]
+    said = subprocess.run(list(map(str, compare)), capture_output=True, text=True)
+    assert said.returncode == 0, f"{said.stderr} pixels of the panel differ"
+    print("nothing is left of the progress bar that the pointer lay on", flush=True)
 
 
 def start(window: Window, job: Path) -> None:
