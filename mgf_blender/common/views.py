@@ -36,6 +36,7 @@ def frame_scene(
     reach: float,
     texture: bool = False,
     side: np.ndarray | None = None,
+    lit: bool = True,
 ) -> None:
     """Turn the window's viewports to an imported scene and let them draw its colours.
 
@@ -45,6 +46,7 @@ def frame_scene(
         reach: radius of what should be seen, world units.
         texture: whether the colours are a texture's, not the vertices'.
         side: from where it should be seen, unit [3]; None keeps the direction.
+        lit: whether the studio light shall show its shape; points of a few pixels are dark specks in it.
     """
     for area in _viewports(context):
         space = area.spaces.active
@@ -56,6 +58,8 @@ def frame_scene(
         space.clip_start = min(space.clip_start, 1e-3 * reach)
         space.clip_end = max(space.clip_end, 100.0 * reach)
         space.shading.color_type = "TEXTURE" if texture else "VERTEX"
+        if space.shading.light == ("FLAT" if lit else "STUDIO"):  # a MatCap is the user's own choice
+            space.shading.light = "STUDIO" if lit else "FLAT"
         space.overlay.show_relationship_lines = False  # one dashed line per camera hides the scene
         area.tag_redraw()
 

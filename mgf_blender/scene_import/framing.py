@@ -10,14 +10,15 @@ from .points import sparse_points
 
 
 def frame_imported(context: bpy.types.Context, imported: ImportedScene) -> None:
-    """Turn the viewports to an imported scene."""
+    """Turn the viewports to an imported scene; points are drawn in the colours of the photos until there is a mesh."""
     root = imported.root
     points = sparse_points(imported)
     middle = np.median(points, axis=0) if len(points) else np.zeros(3)
     matrix = np.array(root.matrix_basis)
     middle = matrix[:3, :3] @ middle + matrix[:3, 3]
     side = side_of_cameras(middle, _centres(imported))
-    frame_scene(context, middle, imported.radius * root.matrix_basis.median_scale, imported.shows_texture, side)
+    reach = imported.radius * root.matrix_basis.median_scale
+    frame_scene(context, middle, reach, imported.shows_texture, side, lit=bool(imported.objects("Mesh")))
 
 
 def _centres(imported: ImportedScene) -> np.ndarray:

@@ -295,6 +295,16 @@ def test_the_viewports_look_at_the_points_where_they_lie(imported):
     assert (space.region_3d.view_location - before - moved).length < 1e-3
 
 
+@pytest.mark.parametrize(("light", "with_points"), [("STUDIO", "FLAT"), ("MATCAP", "MATCAP")])
+def test_points_show_the_photos_colours_and_the_mesh_its_shape(imported, house, light, with_points):
+    (shading,) = [a.spaces.active.shading for a in bpy.context.screen.areas if a.type == "VIEW_3D"]
+    shading.light = light
+    frame_imported(bpy.context, imported)
+    assert shading.light == with_points
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    assert shading.light == light
+
+
 def test_scaling_keeps_the_picture(imported):
     space = next(a.spaces.active for a in bpy.context.screen.areas if a.type == "VIEW_3D")
     before, place = space.region_3d.view_distance, space.region_3d.view_location.copy()
