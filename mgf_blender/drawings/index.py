@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,12 @@ from ..common.text import N_, tr
 
 FOLDER, PAGE = "drawings", "drawings.html"
 _TITLES = {"orthophoto": N_("Orthophoto {name}"), "deviation": N_("Deviation {name}")}
+#: What the engine calls facades where it knows north, and the building from above.
+_FRAMES = {
+    "north": N_("north"), "north-east": N_("north-east"), "east": N_("east"), "south-east": N_("south-east"),
+    "south": N_("south"), "south-west": N_("south-west"), "west": N_("west"), "north-west": N_("north-west"),
+    "plan": N_("plan"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,8 @@ class Drawing:
     @property
     def title(self) -> str:
         """For a button."""
-        return tr(_TITLES[self.kind], name=self.frame)
+        name, number = re.fullmatch(r"(.*?)(-\d+)?", self.frame, re.DOTALL).groups("")
+        return tr(_TITLES[self.kind], name=tr(_FRAMES[name]) + number if name in _FRAMES else self.frame)
 
 
 @dataclass(frozen=True)

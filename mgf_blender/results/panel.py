@@ -48,7 +48,7 @@ class MGF_PT_results(SidebarPanel, bpy.types.Panel):
         for obj in meshes:
             _draw_mesh(layout, obj)
         if scene.camera is not None and PHOTO_KEY in scene.camera:
-            _draw_camera(layout, scene.camera, getattr(context.space_data, "region_3d", None))
+            _draw_camera(layout, imported, scene.camera, getattr(context.space_data, "region_3d", None))
         _draw_figures(layout, scene.mgf.figures)
 
 
@@ -67,7 +67,12 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         draw_sentence(column, surface.scale_text(obj.data, now), "NONE")
 
 
-def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object, view: bpy.types.RegionView3D | None) -> None:
+def _draw_camera(
+    layout: bpy.types.UILayout,
+    imported: ImportedScene,
+    camera: bpy.types.Object,
+    view: bpy.types.RegionView3D | None,
+) -> None:
     """Draw the active camera, what it shows, and how a mesh that it hides comes back when the view has left it."""
     column = layout.column(align=True)
     column.label(text=camera.name, icon="CAMERA_DATA", translate=False)
@@ -81,6 +86,8 @@ def _draw_camera(layout: bpy.types.UILayout, camera: bpy.types.Object, view: bpy
         draw_sentence(column, tr("The mesh is hidden; press Mesh to see it"), "HIDE_ON")
     elif shown == "ERROR":
         draw_sentence(column, tr("Dark: alike, bright: different"), "NONE")
+    elif not imported.objects("Renders"):
+        draw_sentence(column, tr("Without training, as with the preset Quick, there are no renders"), "INFO")
     elif "RENDER" not in there:
         draw_sentence(column, tr("No render of this photo; the option Render All makes one"), "INFO")
 

@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 from layouts import draw
 
+from mgf_blender import translations
 from mgf_blender.common import runner
+from mgf_blender.common import text as text_module
 from mgf_blender.common.job import CANCELLED, DONE, FAILED
 from mgf_blender.drawings import panel, previews
-from mgf_blender.drawings.index import read_index
+from mgf_blender.drawings.index import Drawing, read_index
 from mgf_blender.drawings.operators import drawings_job, load_drawing
 from mgf_blender.drawings.panel import MGF_PT_drawings
 from mgf_blender.drawings.previews import preview_icon
@@ -49,6 +51,16 @@ def test_no_job_no_panel(addon, engine, house):
     assert draw(MGF_PT_drawings).said == ""
     with pytest.raises(RuntimeError, match="The job folder holds no finished job"):
         bpy.ops.mgf.make_drawings()
+
+
+@pytest.mark.parametrize(
+    ("frame", "shown"),
+    [("north", "Nord"), ("north-east-2", "Nordost-2"), ("plan", "von oben"), ("A", "A"), ("street-2", "street-2")],
+)
+def test_sides_are_named_in_the_users_language(monkeypatch, frame, shown):
+    known = translations.dictionary()["de_DE"]
+    monkeypatch.setattr(text_module, "look_up", lambda text: known.get(("*", text), text))
+    assert Drawing(Path("a.png"), "orthophoto", frame).title == f"Orthofoto {shown}"
 
 
 def test_button_to_pictures(finished, engine, house):

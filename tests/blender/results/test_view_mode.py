@@ -103,6 +103,11 @@ def test_a_camera_without_render_says_so(imported):
     for kind in ("RENDER", "ERROR"):
         with pytest.raises(RuntimeError, match="has no render"):
             bpy.ops.mgf.show_in_camera(kind=kind)
+    assert "the option Render All makes one" in draw(MGF_PT_results).said.replace("\n", " ")
+    for render in imported.objects("Renders"):  # as after the preset Quick, which Render All does not help
+        bpy.data.objects.remove(render)
+    said = draw(MGF_PT_results).said.replace("\n", " ")
+    assert "Render All" not in said and "Without training, as with the preset Quick, there are no renders" in said
 
 
 def test_error_map_measures_the_difference(imported):
