@@ -8,7 +8,7 @@ import re
 
 from ..common import options
 from ..common.text import tr
-from .engine_sentences import FAILURES, REASONS, WARNINGS
+from .engine_sentences import FAILURES, PASSING, REASONS, WARNINGS
 
 #: In messages of the engine that refer to the picture of all masks.
 CONTACT_SHEET = "contact sheet"
@@ -28,6 +28,11 @@ def translate_message(text: str) -> str:
         if found:
             return tr(sentence, **{name: translate_message(value) for name, value in found.groupdict().items()})
     return text
+
+
+def is_passing(text: str) -> bool:
+    """Tell whether a warning only matters until the job is done."""
+    return dict(_patterns())[PASSING].fullmatch(text) is not None
 
 
 @functools.cache

@@ -49,15 +49,17 @@ FAILURES = (
     N_("No surface lies in the crop box; enlarge it or move it over the building."),
 )
 
-#: What finished jobs warn of.
+#: Of the warnings, what only matters until the job is done.
+PASSING = N_(
+    "{found} of {count} photos could be registered at first; structure from motion runs again with "
+    "affine-covariant features, which match photos taken farther apart."
+)
+#: What jobs warn of.
 WARNINGS = (
+    PASSING,
     N_(
         "{lost} of {count} photos are missing or cannot be read and are left out ({photos}); put the files back or "
         "export the photos again, and run again."
-    ),
-    N_(
-        "{found} of {count} photos could be registered at first; structure from motion runs again with "
-        "affine-covariant features, which match photos taken farther apart."
     ),
     N_(
         "{lost} of {count} photos could not be registered and are left out; photos taken closer together, with more "

@@ -9,7 +9,7 @@ from ..common import options, runner
 from ..common.job import CANCELLED, CANCELLING, DONE, FAILED, NO_ENGINE, QUEUED, RESUMABLE, Job
 from ..common.stats import draw_figures
 from ..common.text import N_, draw_sentence, format_duration, tr, widest
-from .engine_messages import CONTACT_SHEET, in_panel_terms, translate_message
+from .engine_messages import CONTACT_SHEET, in_panel_terms, is_passing, translate_message
 
 _DONE = {
     "reconstruct": N_("Mesh finished in {time}"),
@@ -53,7 +53,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
     if job.live:
         figures = {name: value for name, value in job.figures.items() if name != "start"}  # which the bar says
         draw_figures(box, dict(list(figures.items())[:6]))
-    for text in job.warnings[-3:]:
+    warnings = [text for text in job.warnings if job.status != DONE or not is_passing(text)]
+    for text in warnings[-3:]:
         draw_sentence(box, translate_message(in_panel_terms(text)), "INFO")
 
 

@@ -17,6 +17,7 @@ from layouts import draw
 from mgf_blender import preferences
 from mgf_blender.common import runner
 from mgf_blender.common import text as panel_text
+from mgf_blender.common.job import DONE, FAILED
 from mgf_blender.engine import current_task
 from mgf_blender.engine.task import Step, Task
 from mgf_blender.jobs import status_label
@@ -235,6 +236,22 @@ def test_weak_masks_can_be_looked_at_after_the_job(addon, engine, house, marked)
     drawn = draw(MGF_PT_reconstruct)
     assert "Open Contact Sheet" in drawn.said
     assert "masks/contact_sheet.jpg" in [getattr(given, "name", "") for _, given, _ in drawn.operators]
+
+
+def test_what_a_job_is_busy_with_is_not_said_after_its_end(addon, engine, house, marked):
+    job = make_job(bpy.context.scene)
+    engine("slow")
+    runner.submit(job)
+    runner.pump()
+    job.warnings.append(
+        "7 of 24 photos could be registered at first; structure from motion runs again with affine-covariant "
+        "features, which match photos taken farther apart."
+    )
+    assert "runs again" in " ".join(draw(MGF_PT_reconstruct).said.split())
+    job.status = DONE
+    assert "runs again" not in " ".join(draw(MGF_PT_reconstruct).said.split())
+    job.status = FAILED  # where it may tell why
+    assert "runs again" in " ".join(draw(MGF_PT_reconstruct).said.split())
 
 
 def test_buttons_stand_above_what_comes_and_goes(addon, engine, house, marked):
