@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -80,36 +81,42 @@ def extract_mesh(
         Cancelled: the user asked to stop.
     """
     times = times or PartTimes()
+
+    def part(name: str) -> AbstractContextManager[None]:
+        reporter.check()
+        return timed_part(times, name)
+
     trusted = find_trusted_views(scene, masks, options)
     reporter.progress(0.0)
     box = crop_of(options.crop_box, scene)
-    with timed_part(times, "points"):
+    with part("points"):
         kept = screen(gaussians, scene, masks, options.screening, reporter.warning)
     start = start if trusted.photos is not None else None
+    reporter.check()
     mesh, field = raw_surface(kept, SurfaceInputs(scene, masks, trusted, start, box), options, reporter, times)
     reporter.progress(RAW_SURFACE_DONE, faces=len(mesh.faces))
-    with timed_part(times, "cleaning"):
+    with part("cleaning"):
         merged = options.blocks > 1  # then flat areas have been merged in each block
         mesh = clean_level_set(mesh, field, trusted, replace(options, merge_flat=options.merge_flat and not merged))
         if options.drop_unseen:
             mesh = keep_clicked_parts(mesh, scene, masks, reporter, options.components)
     reporter.progress(_CLEANED, faces=len(mesh.faces))
-    with timed_part(times, "refinement"):
+    with part("refinement"):
         mesh = refine_mesh(move_onto_depth_maps(mesh, field, trusted, options), trusted, options, reporter)
     if options.flatten:
-        with timed_part(times, "planes"):
-            flat = flatten_mesh(mesh, trusted, options)
+        with part("planes"):
+            flat = flatten_mesh(mesh, trusted, options, reporter.check)
             mesh = flat.mesh
         if options.openings:
-            with timed_part(times, "openings"):
-                mesh = cut_wall_openings(flat, scene, trusted, options)
+            with part("openings"):
+                mesh = cut_wall_openings(flat, scene, trusted, options, reporter.check)
     if options.drop_unseen:
-        with timed_part(times, "borders"):
+        with part("borders"):
             mesh = trim_mesh(mesh, field, trusted, options)
-    with timed_part(times, "colours"):
+    with part("colours"):
         mesh = color_mesh(crop_mesh(mesh, options.close_bottom, box), scene, trusted, options.colors, reporter)
     log.info("mesh: %d of %d Gaussians, %d faces", len(kept), len(gaussians), len(mesh.faces))
-    with timed_part(times, "reduction"):
+    with part("reduction"):
         return finish_mesh(simplify_mesh(mesh, trusted.views, options, reporter), field, options)
 
 
@@ -213,13 +220,16 @@ class FlatMesh(NamedTuple):
     planes: Planes | None
 
 
-def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) -> FlatMesh:
+def flatten_mesh(
+    mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, check: Callable[[], None] = lambda: None
+) -> FlatMesh:
     """Project the planar regions of a mesh onto their planes, and extend the planes unless the photos contradict.
 
     Args:
         mesh: normalised frame.
         trusted: photos and masks; without photos to match, planes are not extended.
         options: of the planes, the patches and the labels.
+        check: called between the steps; raises to stop.
     """
     pixel = ground_pixels(mesh, trusted.views).astype(np.float64)
     if trusted.photos is None:
@@ -229,14 +239,23 @@ def flatten_mesh(mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions) 
     # labelled with, which reach farther.
     photos = see_vertices(mesh, pixel, trusted.views, trusted.photos.grey, options.patches)
     relief = Relief(photos, options.relief)
+    check()
     flat = flatten_planes(mesh, pixel, options.planes, relief)
+    check()
     result = extend_planes(mesh, flat, pixel, photos, options.extension, relief)
+    check()
     inside = flat.inside | (result.values[ON_PLANE] > 0)
     moves = fade_moves(mesh, result.vertices - mesh.vertices, inside, options.extension.borders)
     return FlatMesh(replace(result, vertices=mesh.vertices + moves), pixel, flat.planes)
 
 
-def cut_wall_openings(flat: FlatMesh, scene: Scene, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
+def cut_wall_openings(
+    flat: FlatMesh,
+    scene: Scene,
+    trusted: TrustedViews,
+    options: ExtractionOptions,
+    check: Callable[[], None] = lambda: None,
+) -> Mesh:
     """Cut windows, doors and niches of flat walls, level or arched; their edges are taken from the photos.
 
     Args:
@@ -244,13 +263,17 @@ def cut_wall_openings(flat: FlatMesh, scene: Scene, trusted: TrustedViews, optio
         scene: photos, and cameras that tell the direction up.
         trusted: photos whose masks are reliable.
         options: of walls, openings and cuts.
+        check: called between the steps; raises to stop.
     """
     mesh, pixel, planes = flat
     if planes is None:
         return mesh
     photos = edge_photos(mesh, trusted.views, lambda i: scene.photo(trusted.indices[i]), options.patches)
+    check()
     up = find_up(scene, options=options.gravity).vector
+    check()
     walls = find_wall_openings(mesh, pixel, planes, up, photos, options.wall_openings)
+    check()
     result, count = cut_openings(mesh, walls, options.wall_openings.cut)
     log.info("mesh: %d openings in walls, %d of them cut", sum(len(wall.boxes) for wall in walls), count)
     return result

@@ -88,7 +88,9 @@ def start_surface(
     begin("lines")
     with times.part("lines"):
         blur = options.segments.aliased_blur if dense.aliased else 0.0
-        lines = find_lines(find_segments(views, options.segments, threads, blur))
+        segments = find_segments(views, options.segments, threads, blur)
+        reporter.check()
+        lines = find_lines(segments)
     begin("planes")
     with times.part("planes"):
         evidence = gather_evidence(views, lines, dense, options)

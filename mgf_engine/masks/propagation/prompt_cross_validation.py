@@ -9,7 +9,7 @@ suspected click on the building is an outlier only if there is evidence against 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -80,11 +80,12 @@ class PromptCrossValidation:
         self.options, self.evidence = options, evidence
         self.clicked = [i for i in sorted(prompts) if len(prompts[i].positive) or len(prompts[i].negative)]
 
-    def run(self) -> Suspects:
+    def run(self, check: Callable[[], None] = lambda: None) -> Suspects:
         """Find the clicks that those in other photos contradict; none with fewer than three clicked photos.
 
         Outliers disturb the test of other clicks, so they are left out, and clicks whose prediction was not certain are
         tested again. The first pass, which is usually the only one, looks at the geometry of the clicked photos only.
+        ``check`` is called between the predictions; it raises to stop.
         """
         result = Suspects([], [])
         if len(self.clicked) < 3:
@@ -97,7 +98,7 @@ class PromptCrossValidation:
         ]
         certain = self.options.certain
         for number in range(self.options.passes):
-            predictions = self._predict(open_clicks, result.outliers, self.clicked if number == 0 else None)
+            predictions = self._predict(open_clicks, result.outliers, self.clicked if number == 0 else None, check)
             suspects = [p for p in predictions if _opposite(p.click) > 1 - certain]
             new = self._outliers_of(suspects, result.outliers)
             result.outliers.extend(new)
@@ -116,7 +117,11 @@ class PromptCrossValidation:
         return [p.click for p in suspects if not p.click.positive or p.click in denied]
 
     def _predict(
-        self, clicks: Sequence[OutlierPrompt], outliers: Sequence[OutlierPrompt], views: Sequence[int] | None
+        self,
+        clicks: Sequence[OutlierPrompt],
+        outliers: Sequence[OutlierPrompt],
+        views: Sequence[int] | None,
+        check: Callable[[], None],
     ) -> list[_Prediction]:
         """Predict clicks from those in the other groups without outliers; the geometry is looked at in ``views``."""
         count = min(self.options.groups, len(self.clicked))
@@ -131,7 +136,11 @@ class PromptCrossValidation:
             probability = self.walker.solve(others, self.seed, self.options.rounds, views)
             return [_Prediction(self._rate(click, probability), probability.ground) for click in tested]
 
-        return [p for found in parallel_map(predict, range(count), self.walker.graph.threads) for p in found]
+        predictions: list[_Prediction] = []
+        for found in parallel_map(predict, range(count), self.walker.graph.threads):
+            check()
+            predictions += found
+        return predictions
 
     def _rate(self, click: OutlierPrompt, probability: BuildingProbability) -> OutlierPrompt:
         """Return a click with the probability at its place."""

@@ -118,13 +118,17 @@ class _Propagator:
         )
         self.reporter.progress(0.4)
         up = find_up(self.scene, self.threads, self.config.algorithm(GravityOptions)).vector
+        self.reporter.check()
         self.point_features = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
+        self.reporter.check()
         self.graph = LabelGraph(
             self.scene, self.regions, self.point_features, self.threads, self.full,
             self.config.algorithm(RandomWalkerOptions), self.config.algorithm(SkyOptions),
         )  # fmt: skip
+        self.reporter.check()
         self.walker = LabelPropagation(self.graph, self.config.algorithm(ExtentOptions))
         outliers = self._drop_outlier_prompts()
+        self.reporter.check()
         self.probability = self.walker.solve(self.prompts, self.config.seed)
         self.reporter.progress(0.5)
         roots = [i for i in self.views if i in self.prompts]
@@ -141,7 +145,7 @@ class _Propagator:
         suspects = PromptCrossValidation(
             self.walker, self.prompts, self.config.seed,
             self.config.algorithm(PromptOutlierOptions), self.config.algorithm(PromptEvidenceOptions),
-        ).run()  # fmt: skip
+        ).run(self.reporter.check)  # fmt: skip
         agreement = self.config.algorithm(PromptAgreementOptions)
         outliers = drop_confirmed(suspects.outliers, self.scene, self.prompts, agreement)
         self.doubted = suspects.kept + [click for click in suspects.outliers if click not in outliers]
