@@ -49,6 +49,11 @@ class MaskHullOptions:
         (3.0, 97.0), "Percentiles of the sparse points between which the first box lies", high=100
     )
     padding: float = parameter(0.2, "Padding of this box, as a share of its longest side")
+    building_padding: float = parameter(
+        0.5,
+        "Padding of the box of the sparse points on the building, beyond which no hull is looked for, as a share of "
+        "its longest side",
+    )
 
 
 @dataclass(frozen=True)
@@ -108,7 +113,7 @@ def carve(scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullO
     Raises:
         BadInput: the hull is empty.
     """
-    low, high = _seen_box(scene, views, options)
+    low, high = _first_box(scene, masks, views, options)
     distances = _keep_distances(masks, views)
     for _ in range(options.rounds):
         size = float((high - low).max()) / options.cells
@@ -182,6 +187,22 @@ def points_to_match(
         return with_hull_points(scene, masks, views, options)
     except BadInput:
         return MatchingPoints(scene, masks.point_mask, views)
+
+
+def _first_box(
+    scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the box, low and high [3], of all sparse points; of what all cameras look at where there are few.
+
+    Where enough of the points are on the building, the box does not reach far beyond those: behind the building, seen
+    from a few photos side by side, their silhouettes meet to infinity, and no other photo has that place in its frame.
+    """
+    low, high = _seen_box(scene, views, options)
+    on_building = scene.points[masks.point_mask]
+    if len(on_building) < options.least_points:
+        return low, high
+    near_low, near_high = percentile_box(on_building, options.percentiles, options.building_padding)
+    return np.maximum(low, near_low), np.minimum(high, near_high)
 
 
 def _seen_box(

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from benchmarks.synthetic.plain_house import PlainHouse, make_plain_house
 from mgf_engine.masks.geometry.hull_agreement import hull_agreement
-from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, with_hull_points
+from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells, with_hull_points
 from mgf_engine.masks.validation.mask_flags import flag_by_masks
 from mgf_engine.model.masks import MaskSet
-from mgf_engine.model.scene import Scene, View
+from mgf_engine.model.scene import Scene, Similarity, View
 
 PROJECT = View.project
 
@@ -93,3 +95,41 @@ def test_the_hull_stands_in_for_many_points_that_hardly_two_photos_share(plain: 
     assert len(hull.scene.points) == len(hull.kept) != 160 and hull.kept.all()
     scene, masks = with_points(plain, together=6)  # fifty
     assert with_hull_points(scene, masks, range(16)).scene is scene
+
+
+def make_monument(photos: int = 40) -> tuple[Scene, MaskSet]:
+    """A block of 1 m on a square, photographed all around by a long lens, with sparse points on the houses 60 m off."""
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), -1).reshape(-1, 3)
+    views, labels = [], []
+    for k in range(photos):
+        angle = 2 * np.pi * k / photos
+        outward = np.array([np.cos(angle), np.sin(angle), 0.0])
+        rotation = np.stack([np.cross(outward, [0, 0, -1]), [0, 0, -1], -outward])
+        views.append(
+            View(
+                f"{k}.png", f"{k}.png", 80, 120, 180.0, 180.0, 40.0, 60.0, rotation, np.array([0.0, 0.0, 4.0]), 80, 120
+            )
+        )
+        label = np.zeros((120, 80), np.uint8)
+        outline = cv2.convexHull(views[-1].project(corners)[0].round().astype(np.int32))
+        labels.append(cv2.fillConvexPoly(label, outline, 1))
+    rng = np.random.default_rng(0)
+    direction = rng.uniform(0, 2 * np.pi, 150)
+    houses = 60 * np.c_[np.cos(direction), np.sin(direction), 0.2 * rng.uniform(0, 1, 150)]
+    points = np.concatenate([rng.uniform(-0.5, 0.5, (150, 3)), houses])
+    count = len(points)
+    scene = Scene(
+        tuple(views), points, np.zeros((count, 3), np.uint8), np.zeros(count, np.float32),
+        np.zeros(count + 1, np.int64), np.zeros(0, np.int32), np.zeros((0, 2), np.float32),
+        Similarity(1.0, np.eye(3), np.zeros(3)), (0,), (), Path(),
+    )  # fmt: skip
+    return scene, MaskSet(tuple(labels), np.ones(photos, bool), np.ones(photos, np.float32), np.arange(count) < 150)
+
+
+def test_the_hull_does_not_reach_to_what_lies_far_behind_the_building() -> None:
+    scene, masks = make_monument()
+    cells, size = hull_cells(scene, masks, range(len(scene.views)))
+    assert np.abs(cells).max() < 1.5
+    assert size < 0.1
+    inside = (np.abs(cells) < 0.5).all(1).sum() * size**3
+    assert inside == pytest.approx(1, rel=0.1)  # the whole block is in it
