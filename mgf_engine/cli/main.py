@@ -187,18 +187,28 @@ def _open_job(args: argparse.Namespace) -> Job:
 
 
 def _fail(reporter: Reporter, error: BaseException, folder: Path, log_path: Path | None) -> int:
-    """Report in one sentence why the job in a folder failed, log the traceback of a fault, and return the exit code."""
+    """Report in one sentence why the job in a folder failed, and return the exit code.
+
+    The log gets the sentence, and the traceback of what is neither the user's input nor wish: also where memory or disk
+    are too small, it tells which step asked for how much.
+    """
     code, text = explain(error, place=folder)
-    log = logging.getLogger("mgf")
-    if code == EXIT_FAULT:
-        details = "".join(traceback.format_exception(error))
-        with contextlib.suppress(OSError):
-            log.error("%s", details)
-        if log_path is None:
-            print(details, file=sys.stderr)
+    details = "".join(traceback.format_exception(error))
+    expected = code == EXIT_CANCELLED or isinstance(error, BadInput | BadInstallation)
+    if log_path is not None:
+        logging.getLogger("mgf").error("%s", text if expected else f"{text}\n{details}")
+    elif code == EXIT_FAULT:
+        print(details, file=sys.stderr)
     shown = str(log_path) if log_path and code == EXIT_FAULT else None
     send_failed(reporter, code, text, shown)
     return code
+
+
+class _LogFile(logging.FileHandler):
+    """The log of a job, which leaves out what a full disk does not take: the message of the job says so."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Print nothing; logging itself would print a traceback."""
 
 
 def _log_to(path: Path) -> Path:
@@ -207,7 +217,7 @@ def _log_to(path: Path) -> Path:
     log.setLevel(logging.INFO)
     log.propagate = False
     _close_log()
-    handler = logging.FileHandler(path, encoding="utf-8")
+    handler = _LogFile(path, encoding="utf-8")
     handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
     log.addHandler(handler)
     return path
@@ -218,7 +228,8 @@ def _close_log() -> None:
     log = logging.getLogger("mgf")
     for old in list(log.handlers):
         log.removeHandler(old)
-        old.close()
+        with contextlib.suppress(OSError):  # a full disk
+            old.close()
 
 
 def _options_command(args: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ import contextlib
 import errno
 import importlib.util
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -17,6 +18,7 @@ import pytest
 
 from mgf_engine.cli import main as cli
 from mgf_engine.cli.main import main
+from mgf_engine.errors import BadInput, Cancelled
 from tests.support.command_line import mgf
 from tests.support.jobs import run_here, write_photo_folder
 
@@ -86,6 +88,38 @@ def test_a_folder_that_was_there_before_is_left_with_its_log(tmp_path: Path) -> 
     (tmp_path / "job").mkdir()
     assert main(["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job")]) == 2
     assert (tmp_path / "job" / "log.txt").is_file()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError("34 GiB of samples"), ["Out of memory", "in run_job", "MemoryError: 34 GiB of samples"]),
+        (BadInput("These are no photos."), ["These are no photos."]),
+        (Cancelled(), ["Cancelled"]),
+    ],
+)
+def test_the_log_tells_why_a_job_ended(tmp_path: Path, monkeypatch, capsys, error, said) -> None:
+    """A job that ran out of memory left a log that ended with the beginning of its stage."""
+
+    def run_job(*args: object, **more: object) -> None:
+        raise error
+
+    monkeypatch.setattr("mgf_engine.pipeline.run_job", run_job)
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "job").mkdir()
+    main(["scene", str(tmp_path / "photos"), "--out", str(tmp_path / "job"), "--progress", "plain"])
+    log = (tmp_path / "job" / "log.txt").read_text(encoding="utf-8")
+    assert all(words in log for words in said)
+    assert ("Traceback" in log) == isinstance(error, MemoryError)
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_log_on_a_full_disk_is_no_matter(capfd) -> None:
+    cli._log_to(Path("/dev/full"))
+    logging.getLogger("mgf").info("stage scene begins")
+    cli._close_log()
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("style", ["none", "plain", "auto"])
