@@ -95,6 +95,10 @@ WARNINGS = (
     ),
     N_("{count} masks are weak and left out ({photos}); look at the contact sheet."),
     N_(
+        "{count} photos show hardly any of the building and are left out ({photos}); click on it where the contact "
+        "sheet shows more of it."
+    ),
+    N_(
         "The masks miss {missed} of the {count} clicks on the building. Check the contact sheet, then add clicks on "
         "the building and beside it in more photos."
     ),

@@ -34,7 +34,7 @@ from mgf_engine.masks.user_masks import read_user_masks
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions, find_contradicted_masks
 from mgf_engine.masks.validation.low_texture import LowTextureOptions, low_texture_share, low_texture_warning
 from mgf_engine.masks.validation.mask_coverage import CoverageOptions, describe_misfits, mark_ignored, measure_coverage
-from mgf_engine.masks.validation.mask_flags import measure_consistency
+from mgf_engine.masks.validation.mask_flags import describe_flags, measure_consistency
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
 from mgf_engine.model.pixels import pixel_at
@@ -247,8 +247,5 @@ def _check_clicks(clicks: Prompts, masks: MaskSet, slip: int) -> None:
 def _warn(result: Propagation, scene: Scene, reporter: Reporter) -> None:
     for text in result.warnings:
         reporter.warning(text)
-    flagged = [v.name for v, reason in zip(scene.views, result.reasons, strict=True) if reason]
-    if flagged:
-        names = ", ".join(flagged[:5]) + (", ..." if len(flagged) > 5 else "")
-        count = f"{len(flagged)} of {len(scene.views)}"
-        reporter.warning(f"{count} masks are weak and left out ({names}); look at the contact sheet.")
+    for text in describe_flags([view.name for view in scene.views], result.reasons):
+        reporter.warning(text)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ from mgf_engine.masks.points import track_votes
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
+
+#: Why a photo is left out that was taken beside the building.
+NO_BUILDING = "hardly any building in this photo"
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ def flag_reason(labels: NDArray[np.uint8], score: float, disagreement: float, op
     """
     share = float(building(labels).mean())
     if share < options.least_building:
-        return "hardly any building in this photo"
+        return NO_BUILDING
     if score < options.flag_below:
         return f"mask and points agree only to {score:.0%}"
     if disagreement > 1 - options.flag_below:
@@ -86,3 +90,29 @@ def flag_by_masks(
         low = share is not None and share < options.hull_below
         result[index] = f"the other photos' masks agree with it only to {share:.0%}" if low else ""
     return result
+
+
+def describe_flags(names: Sequence[str], reasons: Sequence[str]) -> list[str]:
+    """Return a sentence for each kind of photo that is left out: those beside the building, and those with weak masks.
+
+    Args:
+        names: of all photos.
+        reasons: why each is left out, empty where it is not.
+    """
+    beside = [name for name, reason in zip(names, reasons, strict=True) if reason == NO_BUILDING]
+    weak = [name for name, reason in zip(names, reasons, strict=True) if reason and reason != NO_BUILDING]
+    result = []
+    if beside:
+        result.append(
+            f"{len(beside)} of {len(names)} photos show hardly any of the building and are left out "
+            f"({_first_of(beside)}); click on it where the contact sheet shows more of it."
+        )
+    if weak:
+        result.append(
+            f"{len(weak)} of {len(names)} masks are weak and left out ({_first_of(weak)}); look at the contact sheet."
+        )
+    return result
+
+
+def _first_of(names: Sequence[str]) -> str:
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mgf_engine.masks.validation.mask_flags import FlagOptions, flag_reason
+from mgf_engine.masks.validation.mask_flags import NO_BUILDING, FlagOptions, describe_flags, flag_reason
 from mgf_engine.model.masks import BUILDING
 
 OPTIONS = FlagOptions()
@@ -27,3 +27,13 @@ WHOLE = np.full((10, 10), BUILDING, np.uint8)
 def test_a_mask_is_left_out_for_one_reason(labels: np.ndarray, score: float, disagreement: float, reason: str) -> None:
     found = flag_reason(labels, score, disagreement, OPTIONS)
     assert found.startswith(reason) and bool(found) == bool(reason)
+
+
+def test_photos_beside_the_building_are_no_weak_masks() -> None:
+    """A flight over a village shows a house in ten photos of 34; the others were all called weak."""
+    names = [f"{k}.jpg" for k in range(9)]
+    beside, weak = describe_flags(names, [NO_BUILDING] * 6 + ["mask and points agree only to 40%", "", ""])
+    assert beside.startswith("6 of 9 photos show hardly any of the building and are left out (0.jpg, 1.jpg, 2.jpg, 3")
+    assert "4.jpg, ...)" in beside and "5.jpg" not in beside
+    assert weak == "1 of 9 masks are weak and left out (6.jpg); look at the contact sheet."
+    assert describe_flags(names, [""] * 9) == []
