@@ -93,6 +93,10 @@ WARNINGS = (
     N_(
         "{lost} of {count} photos with clicks are not in the COLMAP model (first: '{photo}'); their clicks are ignored."
     ),
+    N_(
+        "The building is small, at most {length} pixels long in the working photos; Resolution {advised} would give it "
+        "more detail (the photos have {original})."
+    ),
     N_("{count} masks are weak and left out ({photos}); look at the contact sheet."),
     N_(
         "{count} photos show hardly any of the building and are left out ({photos}); click on it where the contact "

@@ -31,6 +31,7 @@ from mgf_engine.masks.segmenters.messages import describe_segmenter
 from mgf_engine.masks.segmenters.random_walker import MaskDrawingOptions, RandomWalker
 from mgf_engine.masks.store import save_masks
 from mgf_engine.masks.user_masks import read_user_masks
+from mgf_engine.masks.validation.building_size import BuildingSizeOptions, small_building_warning
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions, find_contradicted_masks
 from mgf_engine.masks.validation.low_texture import LowTextureOptions, low_texture_share, low_texture_warning
 from mgf_engine.masks.validation.mask_coverage import CoverageOptions, describe_misfits, mark_ignored, measure_coverage
@@ -87,6 +88,9 @@ def build_masks(
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
     _check_clicks(clicks, masks, config.algorithm(PropagationOptions).click_slip)
+    small = small_building_warning(scene, masks, config.algorithm(BuildingSizeOptions)) if config.use_masks else None
+    if small is not None:
+        reporter.warning(small)
     textures = config.algorithm(LowTextureOptions)
     plain = low_texture_share(scene, masks, textures) if config.use_masks else 0.0
     if plain > textures.warn_above:

@@ -92,6 +92,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("point_surface", "masks", "Surface around the points of the building", "masks.geometry.point_surface:SurfaceOptions", also=("preview",)),
     Algorithm("foreground_leaves", "masks", "Leaves in front of the building", "masks.refinement.vegetation:LeafOptions"),
     Algorithm("sky_silhouette", "masks", "Silhouettes against the sky and their hull", "masks.refinement.sky_silhouette:SilhouetteOptions"),
+    Algorithm("building_size", "masks", "Advice on buildings that are small in the photos", "masks.validation.building_size:BuildingSizeOptions"),
     Algorithm("low_texture", "masks", "Warning of surfaces without texture", "masks.validation.low_texture:LowTextureOptions"),
     Algorithm("mask_coverage", "masks", "Given masks against the points that the photos share", "masks.validation.mask_coverage:CoverageOptions"),
     Algorithm("cross_view", "masks", "Given masks that other photos contradict", "masks.validation.cross_view_consistency:CrossViewOptions"),
