@@ -50,9 +50,9 @@ class MaskHullOptions:
     )
     padding: float = parameter(0.2, "Padding of this box, as a share of its longest side")
     building_padding: float = parameter(
-        0.5,
-        "Padding of the box of the sparse points on the building, beyond which no hull is looked for, as a share of "
-        "its longest side",
+        1.0,
+        "Padding of the box of the sparse points on the building, as a share of its longest side; a hull that reaches "
+        "beyond is carved again in it",
     )
 
 
@@ -113,8 +113,41 @@ def carve(scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullO
     Raises:
         BadInput: the hull is empty.
     """
-    low, high = _first_box(scene, masks, views, options)
     distances = _keep_distances(masks, views)
+    votes = _carve_in(_seen_box(scene, views, options), scene, masks, views, distances, options, forgiven)
+    limit = _building_box(scene, masks, options)
+    if limit is None:
+        return votes
+    found = votes.cells[votes.hull(options, forgiven)]
+    if (found >= limit[0]).all() and (found <= limit[1]).all():
+        return votes
+    return _carve_in(limit, scene, masks, views, distances, options, forgiven)
+
+
+def _carve_in(
+    box: tuple[NDArray[np.float64], NDArray[np.float64]],
+    scene: Scene,
+    masks: MaskSet,
+    views: Sequence[int],
+    distances: Mapping[int, NDArray[np.float32]],
+    options: MaskHullOptions,
+    forgiven: int,
+) -> HullVotes:
+    """Let masks vote on the cells of a box (low and high corner [3]), then on those of the box of the hull so far.
+
+    Args:
+        box: low and high corner [3].
+        scene: normalised frame.
+        masks: label maps of all its views.
+        views: those whose masks vote.
+        distances: of the views that are kept in memory, see :func:`background_distance`.
+        options: number of cells and rounds.
+        forgiven: as :meth:`HullVotes.hull` takes it.
+
+    Raises:
+        BadInput: the hull is empty.
+    """
+    low, high = box
     for _ in range(options.rounds):
         size = float((high - low).max()) / options.cells
         axes = [np.arange(a + size / 2, b + size / 2, size) for a, b in zip(low, high, strict=True)]
@@ -189,22 +222,6 @@ def points_to_match(
         return MatchingPoints(scene, masks.point_mask, views)
 
 
-def _first_box(
-    scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the box, low and high [3], of all sparse points; of what all cameras look at where there are few.
-
-    Where enough of the points are on the building, the box does not reach far beyond those: behind the building, seen
-    from a few photos side by side, their silhouettes meet to infinity, and no other photo has that place in its frame.
-    """
-    low, high = _seen_box(scene, views, options)
-    on_building = scene.points[masks.point_mask]
-    if len(on_building) < options.least_points:
-        return low, high
-    near_low, near_high = percentile_box(on_building, options.percentiles, options.building_padding)
-    return np.maximum(low, near_low), np.minimum(high, near_high)
-
-
 def _seen_box(
     scene: Scene, views: Sequence[int], options: MaskHullOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -217,6 +234,20 @@ def _seen_box(
     if len(scene.points) >= _FEWEST:
         low, high = percentile_box(scene.points, options.percentiles)
     return pad_box(low, high, options.padding)
+
+
+def _building_box(
+    scene: Scene, masks: MaskSet, options: MaskHullOptions
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return the box, low and high [3], that the hull may fill; None where few sparse points are on the building.
+
+    Photos side by side whose background is far away see the building in front of the same place behind it, and no other
+    photo has that place in its frame: their silhouettes meet to infinity.
+    """
+    points = scene.points[masks.point_mask]
+    if len(points) < options.least_points:
+        return None
+    return percentile_box(points, options.percentiles, options.building_padding)
 
 
 def vote_on_cells(

@@ -129,7 +129,7 @@ def make_monument(photos: int = 40) -> tuple[Scene, MaskSet]:
 def test_the_hull_does_not_reach_to_what_lies_far_behind_the_building() -> None:
     scene, masks = make_monument()
     cells, size = hull_cells(scene, masks, range(len(scene.views)))
-    assert np.abs(cells).max() < 1.5
+    assert np.abs(cells).max() < 2.0
     assert size < 0.1
     inside = (np.abs(cells) < 0.5).all(1).sum() * size**3
     assert inside == pytest.approx(1, rel=0.1)  # the whole block is in it
