@@ -50,9 +50,9 @@ class MaskHullOptions:
     )
     padding: float = parameter(0.2, "Padding of this box, as a share of its longest side")
     building_padding: float = parameter(
-        1.0,
+        0.5,
         "Padding of the box of the sparse points on the building, as a share of its longest side; a hull that reaches "
-        "beyond is carved again in it",
+        "beyond twice that is carved again in it",
     )
 
 
@@ -115,13 +115,13 @@ def carve(scene: Scene, masks: MaskSet, views: Sequence[int], options: MaskHullO
     """
     distances = _keep_distances(masks, views)
     votes = _carve_in(_seen_box(scene, views, options), scene, masks, views, distances, options, forgiven)
-    limit = _building_box(scene, masks, options)
-    if limit is None:
+    points = scene.points[masks.point_mask]
+    if len(points) < options.least_points or not _runs_away(
+        votes.cells[votes.hull(options, forgiven)], points, options
+    ):
         return votes
-    found = votes.cells[votes.hull(options, forgiven)]
-    if (found >= limit[0]).all() and (found <= limit[1]).all():
-        return votes
-    return _carve_in(limit, scene, masks, views, distances, options, forgiven)
+    box = percentile_box(points, options.percentiles, options.building_padding)
+    return _carve_in(box, scene, masks, views, distances, options, forgiven)
 
 
 def _carve_in(
@@ -236,18 +236,19 @@ def _seen_box(
     return pad_box(low, high, options.padding)
 
 
-def _building_box(
-    scene: Scene, masks: MaskSet, options: MaskHullOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the box, low and high [3], that the hull may fill; None where few sparse points are on the building.
+def _runs_away(cells: NDArray[np.float64], points: NDArray[np.float64], options: MaskHullOptions) -> bool:
+    """Tell whether a hull reaches far beyond the building.
 
     Photos side by side whose background is far away see the building in front of the same place behind it, and no other
     photo has that place in its frame: their silhouettes meet to infinity.
+
+    Args:
+        cells: of the hull, [N, 3].
+        points: sparse points on the building, [M, 3].
+        options: how far is far.
     """
-    points = scene.points[masks.point_mask]
-    if len(points) < options.least_points:
-        return None
-    return percentile_box(points, options.percentiles, options.building_padding)
+    low, high = percentile_box(points, options.percentiles, 2 * options.building_padding)
+    return bool((cells < low).any() or (cells > high).any())
 
 
 def vote_on_cells(
