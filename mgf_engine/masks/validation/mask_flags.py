@@ -103,16 +103,17 @@ def describe_flags(names: Sequence[str], reasons: Sequence[str]) -> list[str]:
     weak = [name for name, reason in zip(names, reasons, strict=True) if reason and reason != NO_BUILDING]
     result = []
     if beside:
+        count, photos = _counted(beside, len(names))
         result.append(
-            f"{len(beside)} of {len(names)} photos show hardly any of the building and are left out "
-            f"({_first_of(beside)}); click on it where the contact sheet shows more of it."
+            f"{count} photos show hardly any of the building and are left out ({photos}); click on it where the "
+            "contact sheet shows more of it."
         )
     if weak:
-        result.append(
-            f"{len(weak)} of {len(names)} masks are weak and left out ({_first_of(weak)}); look at the contact sheet."
-        )
+        count, photos = _counted(weak, len(names))
+        result.append(f"{count} masks are weak and left out ({photos}); look at the contact sheet.")
     return result
 
 
-def _first_of(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+def _counted(some: Sequence[str], total: int) -> tuple[str, str]:
+    """Return how many of all these are, and the names of the first of them."""
+    return f"{len(some)} of {total}", ", ".join(some[:5]) + (", ..." if len(some) > 5 else "")
