@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -36,3 +39,16 @@ def test_the_kernels_elsewhere_are_tested_by_tests_that_there_are() -> None:
     root = Path(__file__).parents[1]
     script = runpy.run_path(str(root / "tools" / "foreign_kernels.py"), run_name="tools")
     assert [name for name in script["TESTS"] if not (root / "tests" / name).is_file()] == []
+
+
+def test_the_demo_finds_the_benchmarks_which_are_not_installed(tmp_path: Path) -> None:
+    script = Path(__file__).parents[1] / "tools" / "demo.py"
+    nowhere = ["--blender-python", str(tmp_path / "python"), "--out", str(tmp_path / "demo")]
+    bare = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    run = subprocess.run(
+        [sys.executable, str(script), *nowhere], cwd=tmp_path, env=bare, capture_output=True, text=True, check=False
+    )
+    assert (run.returncode, run.stderr.splitlines()) == (
+        2,
+        [f"Error: There is no Python '{tmp_path / 'python'}'; give one that has bpy."],
+    )

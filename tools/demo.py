@@ -12,11 +12,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from benchmarks.catalogue import scene_spec
-from benchmarks.scenes import make_scene
-from mgf_engine.errors import EXIT_BAD_INPUT, BadInput
-
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))  # the benchmarks are not installed
+
+from benchmarks.catalogue import scene_spec  # noqa: E402
+from benchmarks.scenes import make_scene  # noqa: E402
+from mgf_engine.errors import EXIT_BAD_INPUT, BadInput  # noqa: E402
 
 
 def main() -> int:
