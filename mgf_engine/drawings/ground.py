@@ -58,9 +58,7 @@ def find_ground_level_around(survey: Survey, inside: NDArray[np.bool_], grid: Gr
     reach = 0.3 * float(np.linalg.norm(np.ptp(plan, axis=0)))
     near = ((points[:, :2] > plan.min(0) - reach) & (points[:, :2] < plan.max(0) + reach)).all(1)
     near &= np.abs(points[:, 2] - bottom) < 0.2 * height
-    column, row = np.floor(grid.pixels(points[:, :2])).astype(np.int64).T
-    within = (column >= 0) & (column < grid.width) & (row >= 0) & (row < grid.height)
-    near[within] &= ~inside[row[within], column[within]]
+    near &= ~grid.look_up(inside, points, False)
     if near.sum() < 30:
         return GroundLevel(bottom, MESH)
     low, found, high = np.percentile(points[near, 2], (25, 50, 75)).tolist()

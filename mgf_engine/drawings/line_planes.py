@@ -101,9 +101,7 @@ def _side(label: int, ends: Array, regions: RegionMap, pixel: float) -> Array | 
     shares = []
     for sign in (1.0, -1.0):
         at = np.concatenate([along + sign * beside * pixel * across for beside in _BESIDE])
-        column, row = np.floor(regions.grid.pixels(at)).astype(np.int64).T
-        inside = (row >= 0) & (row < regions.grid.height) & (column >= 0) & (column < regions.grid.width)
-        shares.append((regions.label[row[inside], column[inside]] == label).sum() / len(at))
+        shares.append((regions.grid.look_up(regions.label, at, NOTHING) == label).mean())
     if abs(shares[0] - shares[1]) < _CLEAR:
         return None
     return across if shares[0] > shares[1] else -across

@@ -59,6 +59,4 @@ def square_overhangs(
 def _is_inside(regions: RegionMap, wall: Array, edge: Array) -> bool:
     """Tell whether the building covers the middle of the triangle below an overhang."""
     middle = (wall + edge + np.array([wall[0], edge[1]])) / 3
-    column, row = np.floor(regions.grid.pixels(middle)).astype(int)
-    inside = 0 <= row < regions.grid.height and 0 <= column < regions.grid.width
-    return bool(inside and regions.label[row, column] != NOTHING)
+    return bool(regions.grid.look_up(regions.label, middle[None], NOTHING)[0] != NOTHING)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from mgf_engine.drawings.model import Array, DrawingFrame, Survey
 from mgf_engine.errors import BadInput
 from mgf_engine.geometry.rasterize import render_parallel
 
+Value = TypeVar("Value", bound=np.generic)
 MOST_PIXELS = 400_000_000
 MARGIN = 2  # pixels around what is drawn
 STEPS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)  # times powers of ten: resolutions that people ask for
@@ -38,6 +40,23 @@ class Grid:
     def pixels(self, at: Array) -> Array:
         """Convert drawing coordinates [..., 2 or 3] to columns and rows [..., 2]; the top-left centre is (0.5, 0.5)."""
         return np.stack([(at[..., 0] - self.left) / self.resolution, (self.top - at[..., 1]) / self.resolution], -1)
+
+    def look_up(self, values: NDArray[Value], at: Array, outside: int) -> NDArray[Value]:
+        """Look up the values of the pixels that places lie in.
+
+        Args:
+            values: of the pixels, [H, W].
+            at: drawing coordinates, [n, 2 or 3].
+            outside: value beside the grid.
+
+        Returns:
+            [n].
+        """
+        column, row = np.floor(self.pixels(at)).astype(np.int64).T
+        inside = (row >= 0) & (row < self.height) & (column >= 0) & (column < self.width)
+        found = np.full(len(at), outside, values.dtype)
+        found[inside] = values[row[inside], column[inside]]
+        return found
 
     def places(self, pixels: Array) -> Array:
         """Convert columns and rows [..., 2] to drawing coordinates [..., 2]."""

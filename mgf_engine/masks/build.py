@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +17,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.masks.contact_sheet import write_contact_sheet
 from mgf_engine.masks.elements import add_elements
 from mgf_engine.masks.geometry.visual_hull import MaskHullOptions, hull_cells
+from mgf_engine.masks.image_ops import dilate_square
 from mgf_engine.masks.map_photos import map_photos
 from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.parts import Part, match_elements
@@ -238,7 +238,7 @@ def _check_clicks(clicks: Prompts, masks: MaskSet, slip: int) -> None:
     """
     held, count = 0, 0
     for index, photo in clicks.items():
-        taken = cv2.dilate((masks.labels[index] != BACKGROUND).astype(np.uint8), np.ones((2 * slip + 1,) * 2, np.uint8))
+        taken = dilate_square(masks.labels[index] != BACKGROUND, slip)
         held += int(taken[pixel_at(taken.shape, photo.positive)].sum())
         count += len(photo.positive)
     if 2 * held < count:

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects
 
-from mgf_engine.masks.image_ops import dilate
+from mgf_engine.masks.image_ops import dilate, dilate_square, rgb_to_lab
 from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.prompts import Points
-from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.segmenters.efficientsam import POINT, EfficientSam
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 from mgf_engine.model.pixels import pixel_at
@@ -115,7 +114,7 @@ def select_segments(
         options: limits of size and contrast.
     """
     around = _padded_box(inside, options)
-    lab = lab_of(photo[around])
+    lab = rgb_to_lab(photo[around])
     total, sizes = int(inside.sum()), np.bincount(segments[segments >= 0])
     result = []
     for value, (rows, columns) in _boxes(segments).items():
@@ -125,7 +124,7 @@ def select_segments(
         left, right = max(0, columns.start - _RIM - 1), columns.stop + _RIM + 1
         box = slice(top, bottom), slice(left, right)
         mask = segments[box] == value
-        rim = cv2.dilate(mask.astype(np.uint8), np.ones((2 * _RIM + 1,) * 2, np.uint8)).astype(bool) & ~mask
+        rim = dilate_square(mask, _RIM) & ~mask
         y, x = around[0].start, around[1].start
         patch = lab[top - y : bottom - y, left - x : right - x]
         if rim.any() and np.linalg.norm(patch[mask].mean(0) - patch[rim].mean(0)) < options.contrast:

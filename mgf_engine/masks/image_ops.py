@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masked Gaussian blur, dilation and erosion with discs, colour distances; their cost does not depend on the radius.
+"""CIELAB and colour distances, masked Gaussian blur, dilation and erosion of masks.
 
-A wide Gaussian blur is computed on a reduced image, dilation and erosion by a distance transform.
+The cost does not depend on the radius: a wide Gaussian blur is computed on a reduced image, dilation and erosion with
+discs by a distance transform.
 """
 
 from __future__ import annotations
@@ -17,6 +18,11 @@ from numpy.typing import NDArray
 SMALL_SIGMA = 6.0
 #: A disc holds the pixels this much farther from its centre than its radius: half pixels at the rim count.
 DISC_MARGIN = 0.3
+
+
+def rgb_to_lab(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Convert a photo, RGB uint8 [H, W, 3], to CIELAB: lightness 0..100, green to red, blue to yellow; float32."""
+    return np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,20 @@ def erode(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
 def _distance(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the distance of the mask's pixels to the nearest other pixel."""
     return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
+
+
+def dilate_square(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """Dilate a mask [H, W] with a square of 2 radius + 1 px."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), _square(radius)) > 0, bool)
+
+
+def erode_square(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """Erode a mask [H, W] with a square of 2 radius + 1 px; the frame of the photo does not erode it."""
+    return np.asarray(cv2.erode(mask.astype(np.uint8), _square(radius), borderValue=1) > 0, bool)
+
+
+def _square(radius: int) -> NDArray[np.uint8]:
+    return np.ones((2 * radius + 1,) * 2, np.uint8)
 
 
 def disc(radius: int) -> NDArray[np.uint8]:

@@ -23,8 +23,8 @@ from mgf_engine.files.images import apply_orientation, read_rgb, resize
 from mgf_engine.masks.build import choose_segmenter
 from mgf_engine.masks.geometry.building_extent import ExtentOptions
 from mgf_engine.masks.geometry.point_features import PointFeatureOptions, measure_point_features
+from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.masks.prompts import Clicks, read_clicks_of
-from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.propagation.draw_mask import draw_mask, make_hints
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
@@ -203,7 +203,7 @@ def _segment(
     masks = [segment.mask for (segment, _) in parallel_map(lambda i: answer(earlier[i]), range(len(earlier)), threads)]
     mask = merge_masks([*masks, last.mask], options.click_loss)
     plain = config.algorithm(HomogeneousRegionOptions)
-    mask = mask | find_clicked_regions(lab_of(photo), mask, clicks.positive, clicks.negative, plain)
+    mask = mask | find_clicked_regions(rgb_to_lab(photo), mask, clicks.positive, clicks.negative, plain)
     mask = enforce_clicks(mask, regions, clicks)
     return Segment(mask, agreement(mask, hints))
 

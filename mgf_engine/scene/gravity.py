@@ -70,12 +70,12 @@ class UpDirection:
         return float(np.degrees(self.sd))
 
 
-def find_up(scene: Scene, threads: int = 1, options: GravityOptions = GravityOptions()) -> UpDirection:
+def find_up(scene: Scene, threads: int | None = None, options: GravityOptions = GravityOptions()) -> UpDirection:
     """Find up by the most accurate evidence that a scene has.
 
     Args:
         scene: cameras and photos.
-        threads: number of worker threads.
+        threads: maximum number of photos at a time; None for the number of kernel threads.
         options: accuracies and limits.
     """
     rough = rough_up(scene.views, options)
@@ -181,14 +181,14 @@ def looking_down(views: Sequence[View], options: GravityOptions = GravityOptions
 
 
 def up_from_edges(
-    scene: Scene, rough: Array, threads: int = 1, options: GravityOptions = GravityOptions()
+    scene: Scene, rough: Array, threads: int | None = None, options: GravityOptions = GravityOptions()
 ) -> UpDirection | None:
     """Estimate up from vertical edges near a rough direction [3]; None where too few agree.
 
     Args:
         scene: cameras and photos.
         rough: unit [3], normalised frame.
-        threads: number of worker threads.
+        threads: as for :func:`find_up`.
         options: limits of edges.
     """
     step = max(1, -(-len(scene.views) // options.most_photos))

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.image_ops import dilate_square, rgb_to_lab
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.start.options import SegmentOptions
@@ -130,7 +131,7 @@ def _detect(
     photo = views.photo(number)
     if blur > 0:
         photo = np.asarray(cv2.GaussianBlur(photo, (0, 0), blur), np.uint8)
-    lab = np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2Lab), np.float32)
+    lab = rgb_to_lab(photo)
     grey = np.clip(lab[..., 0] * 2.55, 0, 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)  # edges of one pixel are found, too
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, scale=0.8, quant=1.0, ang_th=22.5)
@@ -140,11 +141,9 @@ def _detect(
     ends = (lines.reshape(-1, 4).astype(float) + 0.5) / 2
     along = ends[:, 2:] - ends[:, :2]
     length = np.hypot(*along.T)
-    near = cv2.dilate(
-        (views.labels[number] != BACKGROUND).astype(np.uint8), np.ones((2 * options.margin + 1,) * 2, np.uint8)
-    )
+    near = dilate_square(views.labels[number] != BACKGROUND, options.margin)
     middle = np.clip(((ends[:, :2] + ends[:, 2:]) / 2).astype(int), 0, [grey.shape[1] - 1, grey.shape[0] - 1])
-    wanted = np.flatnonzero((length > options.shortest) & (near[middle[:, 1], middle[:, 0]] > 0))
+    wanted = np.flatnonzero((length > options.shortest) & near[middle[:, 1], middle[:, 0]])
     wanted = wanted[np.argsort(-length[wanted], kind="stable")[: options.most]]
     ends, along = ends[wanted], along[wanted]
     across = np.stack([-along[:, 1], along[:, 0]], 1) / length[wanted, None]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mgf_engine.geometry.rasterize import render_mesh
+from mgf_engine.masks.image_ops import dilate_square
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
@@ -235,8 +236,7 @@ def _core_pixels(core: Bools, visible: Bools, options: ClickOptions) -> tuple[Ar
 def _near_others(owner: NDArray[np.int16], number: int, options: ClickOptions) -> Bools:
     """Return pixels near another hull: a footprint half a metre off, or a roof higher than thought, may put it
     there."""
-    others = ((owner >= 0) & (owner != number)).astype(np.uint8)
-    return np.asarray(cv2.dilate(others, np.ones((2 * options.hidden + 1,) * 2, np.uint8)) > 0)
+    return dilate_square((owner >= 0) & (owner != number), options.hidden)
 
 
 def _choose_positive(

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.image_ops import disc
+from mgf_engine.masks.image_ops import dilate_square, disc
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
@@ -184,7 +184,7 @@ def _near_known_points(scene: Scene, index: int, depths: Depths, options: Densif
 def _near_mask(mask: Flags, shape: tuple[int, ...], options: DensifyOptions) -> Flags:
     """Return pixels [h, w] of a reduced photo on a mask of any size or beside it."""
     small = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return np.asarray(cv2.dilate(small, np.ones((2 * options.window + 1,) * 2, np.uint8)) > 0, bool)
+    return dilate_square(small > 0, options.window)
 
 
 def _near_new_points(

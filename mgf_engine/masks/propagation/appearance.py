@@ -39,12 +39,6 @@ class AppearanceOptions:
     )  # fmt: skip
 
 
-def lab_of(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return CIELAB of an RGB photo uint8 [H, W, 3]: lightness 0..100, green to red, blue to yellow; float32
-    [H, W, 3]."""
-    return np.asarray(cv2.cvtColor(photo.astype(np.float32) / 255, cv2.COLOR_RGB2LAB), np.float32)
-
-
 @dataclass(frozen=True)
 class Mixture:
     """Weighted Gaussians with full covariances, over features divided by :data:`FEATURE_SCALE`."""

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.building_extent import BuildingExtent
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
+from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.masks.map_photos import map_photos
 from mgf_engine.masks.points import observed_pixels
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.propagation.label_graph import LabelGraph
 from mgf_engine.masks.propagation.propagation_options import PropagationOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions, draw_skyline
@@ -177,7 +177,7 @@ class MaskCorrection:
         core = cv2.resize(place.core.astype(np.uint8), size) > 0
         seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
         labels, sky = self.labels[index], self._sky(index)
-        lab = lab_of(self.scene.photo(index))
+        lab = rgb_to_lab(self.scene.photo(index))
         drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
         observed, options = self.scene.track_uv[self.scene.observations(index)], self.config.algorithm(SkyHoleOptions)
         through = find_sky_holes(lab, drawn | seen, sky, view, self.graph.point_features.up, observed, options)

@@ -82,7 +82,7 @@ def draw_skyline(
     """Refine the mask's edge against the sky to single pixels: superpixels are coarser than roof edges and chimneys.
 
     Args:
-        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`; mask: [H, W]; sky: [H, W],
+        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.image_ops.rgb_to_lab`; mask: [H, W]; sky: [H, W],
             the regions that are sky.
         options: how like the sky a pixel must be, and how far from the mask's edge it is looked for.
     """

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.native.library import call
 from mgf_engine.options.algorithms import parameter
@@ -77,7 +77,7 @@ def cut_regions(photo: NDArray[np.uint8], options: SuperpixelOptions = Superpixe
     factor = min(1.0, options.reduced_side / max(h, w))
     size = (max(1, round(w * factor)), max(1, round(h * factor)))
     small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
-    lab = lab_of(small)
+    lab = rgb_to_lab(small)
     labels = _superpixels(small, options)
     count = int(labels.max()) + 1
     flat = labels.ravel()

@@ -16,8 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.masks.image_ops import color_distance, erode
-from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.image_ops import color_distance, erode, rgb_to_lab
 from mgf_engine.masks.refinement.sky_silhouette import elevation
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.pixels import pixel_at
@@ -173,4 +172,4 @@ def _level_of(view: View, up: NDArray[np.float64], options: FarBackgroundOptions
 
 def _color(photo: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return CIELAB, means of 3 x 3 pixels: without the grain of a photo."""
-    return np.asarray(cv2.blur(lab_of(photo), (3, 3)), np.float32)
+    return np.asarray(cv2.blur(rgb_to_lab(photo), (3, 3)), np.float32)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography, spans_inside
-from mgf_engine.masks.image_ops import color_distance, enlarge, masked_mean
+from mgf_engine.masks.image_ops import color_distance, dilate_square, enlarge, erode_square, masked_mean
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.patch_ncc import Patches
 from mgf_engine.model.scene import Scene
@@ -122,7 +122,7 @@ class GroundFinder:
 
         def share(index: int) -> tuple[int, int]:
             mask = mask_of(index)
-            inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * self.options.rim + 1,) * 2, np.uint8)) > 0
+            inside = erode_square(mask, self.options.rim)
             return int((self.confirmed_ground(index, mask) & inside).sum()), int(inside.sum())
 
         tried = list(views)[:: max(1, len(views) // self.options.tried)]
@@ -241,7 +241,7 @@ def _alike_around(
 
 def near_ground(ground: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Return pixels of the ground and up to ``reach`` px around it, [H, W]."""
-    return np.asarray(cv2.dilate(ground.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0, bool)
+    return dilate_square(ground, reach)
 
 
 def _box_of(mask: NDArray[np.bool_]) -> _Box | None:

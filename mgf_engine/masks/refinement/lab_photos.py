@@ -24,11 +24,10 @@ class LabPhotos:
 
     def lab(self, index: int) -> NDArray[np.uint8]:
         """Return the photo of a view: lightness 0..255 for 0..100, a + 128, b + 128; uint8 [H, W, 3], read-only."""
-
-        def convert() -> NDArray[np.uint8]:
-            return np.asarray(cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB), np.uint8)
-
-        return self._converted.get(self.scene.folder / self.scene.views[index].file, lambda _: convert())
+        return self._converted.get(
+            self.scene.folder / self.scene.views[index].file,
+            lambda _: np.asarray(cv2.cvtColor(self.scene.photo(index), cv2.COLOR_RGB2LAB), np.uint8),
+        )
 
     def lightness(self, index: int) -> NDArray[np.uint8]:
         """Return the lightness alone, uint8 [H, W]."""

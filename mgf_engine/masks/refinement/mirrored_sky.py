@@ -62,9 +62,8 @@ def find_mirrored_sky(
         options: rays, and how many photos must hold their places.
     """
     height, width = holes.shape
-    mirrored = np.zeros_like(holes)
     if not len(points) or not holes.any():
-        return mirrored
+        return np.zeros_like(holes)
     count, pieces = cv2.connectedComponents(holes.astype(np.uint8), connectivity=4)
     grid = (np.arange(height)[:, None] + np.arange(width)) % options.step == 0  # every row and column has rays
     y, x = np.nonzero(holes & grid)
@@ -75,8 +74,7 @@ def find_mirrored_sky(
     rays = np.bincount(pieces[y, x], minlength=count)
     held = np.bincount(pieces[y, x], best >= options.held, minlength=count)
     closed = (rays > 0) & (2 * held >= rays)
-    mirrored[:] = holes & closed[pieces]
-    return mirrored
+    return np.asarray(holes & closed[pieces], bool)
 
 
 def _along_rays(view: View, uv: Array, box: tuple[Array, Array], samples: int) -> Array:

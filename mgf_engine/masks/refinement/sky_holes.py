@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from mgf_engine.masks.image_ops import color_distance, enlarge, masked_mean
+from mgf_engine.masks.image_ops import color_distance, enlarge, erode_square, masked_mean
 from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions, find_silhouette, over_horizon
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import View
@@ -57,7 +57,7 @@ def find_sky_holes(
     """Find pixels that are sky behind the building, [H, W].
 
     Args:
-        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`.
+        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.image_ops.rgb_to_lab`.
         mask: [H, W], where the building is or may be; sky: [H, W], regions that are sky.
         view: camera of the photo.
         up: [3], normalised frame.
@@ -74,7 +74,7 @@ def find_sky_holes(
     gaps = seen.empty & mask
     if not (gaps & over).any():
         return none
-    clear = cv2.erode((sky & ~mask).astype(np.uint8), np.ones((9, 9), np.uint8), borderValue=1) > 0
+    clear = erode_square(sky & ~mask, 4)
     if _pale(lab, mask & under, clear & over_horizon(view, up, horizon), options) > options.pale:
         return none
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(gaps.astype(np.uint8), connectivity=4)
@@ -94,7 +94,7 @@ def find_sky_holes(
 
 def _counting(gaps: NDArray[np.bool_], pieces: NDArray[Any], count: int, options: SkyHoleOptions) -> NDArray[np.bool_]:
     """Erode a piece to where points count, off its edge, bool [H, W]; all of it where hardly anything is left."""
-    deep = cv2.erode(gaps.astype(np.uint8), np.ones((2 * options.rim + 1,) * 2, np.uint8), borderValue=1) > 0
+    deep = erode_square(gaps, options.rim)
     large = np.bincount(pieces[deep], minlength=count) >= options.deep
     return np.asarray(gaps & (deep | ~large[pieces]), bool)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.geometry.components import label_components
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
-from mgf_engine.masks.image_ops import color_distance
+from mgf_engine.masks.image_ops import color_distance, erode_square
 from mgf_engine.model.scene import View
 from mgf_engine.options.algorithms import parameter
 
@@ -61,13 +61,13 @@ def find_silhouette(
     """Tell sky from what stands before it, over the horizon of the photo.
 
     Args:
-        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.propagation.appearance.lab_of`; sky: [H, W], regions that are
+        lab: CIELAB [H, W, 3], see :func:`mgf_engine.masks.image_ops.rgb_to_lab`; sky: [H, W], regions that are
             sky; up: [3], normalised frame.
         view: camera of the photo.
         options: elevation above which silhouettes are found, and colour distances of the sky and of what is before it.
     """
     over = over_horizon(view, up, options.horizon)
-    sure = cv2.erode(sky.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0
+    sure = erode_square(sky, 2)
     if not (sure & over).any():
         return SkySilhouette(np.zeros_like(sky), np.zeros_like(sky))
     around, known = _sky_around(lab, sure, options)

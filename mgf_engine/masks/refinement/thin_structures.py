@@ -12,13 +12,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
+from mgf_engine.masks.image_ops import dilate_square, rgb_to_lab
 from mgf_engine.masks.prompts import Prompts
-from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, near_ground
 from mgf_engine.masks.refinement.sky_silhouette import (
     SilhouetteHull,
@@ -114,7 +113,7 @@ def find_thin_structures(
         return None
     outlines = []
     for index, view in enumerate(scene.views):
-        lab, sky = lab_of(scene.photo(index)), known.sky(index)
+        lab, sky = rgb_to_lab(scene.photo(index)), known.sky(index)
         seen = find_silhouette(lab, sky, view, known.up, options=options.silhouette)
         unexplained = seen.solid & ~building(labels[index]) & (known.leafy(index) < options.leafy)
         outlines.append(SkySilhouette(seen.empty, unexplained))
@@ -135,8 +134,8 @@ def _missed(
     """Return positive clicks with no building around them: view, row, pixel."""
     result: list[tuple[int, int, NDArray[np.float64]]] = []
     for index, clicks in prompts.items():
-        near = cv2.dilate(building(labels[index]).astype(np.uint8), np.ones((2 * options.near + 1,) * 2, np.uint8))
-        outside = near[pixel_at(near.shape, clicks.positive)] == 0
+        near = dilate_square(building(labels[index]), options.near)
+        outside = ~near[pixel_at(near.shape, clicks.positive)]
         result += [(index, int(row), clicks.positive[row]) for row in np.flatnonzero(outside)]
     return result
 

@@ -55,38 +55,42 @@ class RandomWalker:
             hints: clicks and points on the building and beside it.
             attempt: 0 for the first; a further one follows the points closer.
         """
-        probability = hints.probability if attempt == 0 else follow_points(photo, hints, self.options)
-        mask = clean(to_edges(photo, probability, self.options) > 0.5, hints, self.options)
+        lab = np.asarray(cv2.cvtColor(photo, cv2.COLOR_RGB2LAB), np.uint8)
+        probability = hints.probability if attempt == 0 else follow_points(lab, hints, self.options)
+        mask = clean(to_edges(lab, probability, self.options) > 0.5, hints, self.options)
         return Segment(mask, agreement(mask, hints))
 
 
 def follow_points(
-    photo: NDArray[np.uint8], hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()
+    lab: NDArray[np.uint8], hints: Hints, options: MaskDrawingOptions = MaskDrawingOptions()
 ) -> NDArray[np.float32]:
-    """Blend the probability with the labels of the sparse points around each pixel of this photo.
+    """Blend the probability with the labels of the sparse points around each pixel, float32 [H, W].
 
     A label spreads by a domain transform (Gastal and Oliveira 2011) and stops at edges: sky and plain ground hold no
     points of their own that would keep the building's away.
+
+    Args:
+        lab: the photo in 8-bit CIELAB, uint8 [H, W, 3].
+        hints: probability, and points on the building and beside it.
+        options: how far labels spread, and what stops them.
     """
     h, w = hints.probability.shape
     radius = options.near * max(h, w)
     votes = np.zeros((h, w, 3), np.float32)
     for plane, points in enumerate((hints.rejected, hints.accepted)):
         np.add.at(votes[..., plane], pixel_at((h, w), points), 1)
-    guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
-    spread = cv2.ximgproc.dtFilter(guide, votes, radius, options.edge * 255, mode=cv2.ximgproc.DTF_NC)
+    spread = cv2.ximgproc.dtFilter(lab, votes, radius, options.edge * 255, mode=cv2.ximgproc.DTF_NC)
     near = spread * (2 * np.pi * radius**2)
     weight = 0.5  # weight of the probability: half a point
     return ((near[..., 1] + weight * hints.probability) / (near[..., 0] + near[..., 1] + weight)).astype(np.float32)
 
 
 def to_edges(
-    photo: NDArray[np.uint8], probability: NDArray[np.float32], options: MaskDrawingOptions = MaskDrawingOptions()
+    lab: NDArray[np.uint8], probability: NDArray[np.float32], options: MaskDrawingOptions = MaskDrawingOptions()
 ) -> NDArray[np.float32]:
-    """Align the probability with the photo's edges by a guided filter, float32 [H, W]."""
-    radius = max(4, round(options.radius * max(photo.shape[:2])))
-    guide = cv2.cvtColor(photo, cv2.COLOR_RGB2LAB)
-    return np.asarray(cv2.ximgproc.guidedFilter(guide, probability, radius, (options.edge * 255) ** 2), np.float32)
+    """Align the probability with the edges of the photo (8-bit CIELAB) by a guided filter, float32 [H, W]."""
+    radius = max(4, round(options.radius * max(lab.shape[:2])))
+    return np.asarray(cv2.ximgproc.guidedFilter(lab, probability, radius, (options.edge * 255) ** 2), np.float32)
 
 
 def clean(

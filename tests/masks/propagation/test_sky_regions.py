@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.masks.propagation.sky_regions import draw_skyline, find_sky
 from mgf_engine.masks.propagation.superpixels import cut_regions
 
@@ -54,14 +54,14 @@ def test_the_skyline_is_drawn_to_the_pixel():
     sky = np.zeros((200, 300), bool)
     sky[:75] = sky[:, :55] = sky[:, 245:] = True
     sky[56:80, 92:116] = False
-    drawn = draw_skyline(lab_of(picture), coarse, sky)
+    drawn = draw_skyline(rgb_to_lab(picture), coarse, sky)
     assert (drawn != truth).sum() < 0.15 * (coarse != truth).sum()
 
 
 def test_no_skyline_without_sky():
     mask = np.zeros((200, 300), bool)
     mask[90:, 60:240] = True
-    assert (draw_skyline(lab_of(photo()), mask, np.zeros((200, 300), bool)) == mask).all()
+    assert (draw_skyline(rgb_to_lab(photo()), mask, np.zeros((200, 300), bool)) == mask).all()
 
 
 def gap_between_chimneys(building: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -78,11 +78,11 @@ def gap_between_chimneys(building: tuple[int, int, int]) -> tuple[np.ndarray, np
 
 def test_the_sky_between_two_chimneys_is_followed_down():
     picture, mask, sky = gap_between_chimneys((90, 80, 75))
-    drawn = draw_skyline(lab_of(picture), mask, sky)
+    drawn = draw_skyline(rgb_to_lab(picture), mask, sky)
     assert not drawn[42:78, 132:144].any()
     assert (drawn == (mask & (picture == 80).any(2))).mean() > 0.99
 
 
 def test_a_wall_nearly_as_bright_as_the_sky_is_not_followed_down():
     picture, mask, sky = gap_between_chimneys((205, 212, 220))
-    assert draw_skyline(lab_of(picture), mask, sky)[60:78, 132:144].all()
+    assert draw_skyline(rgb_to_lab(picture), mask, sky)[60:78, 132:144].all()

@@ -11,7 +11,7 @@ import numpy as np
 from mast import HEIGHT, LAND, SKY, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
-from mgf_engine.masks.propagation.appearance import lab_of
+from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.masks.propagation.correct_masks import MaskCorrection
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
 from mgf_engine.masks.refinement.sky_silhouette import over_horizon
@@ -45,7 +45,7 @@ def land_under_sky() -> NDArray[np.uint8]:
 def test_the_sky_between_bars_is_no_building() -> None:
     photo, hut, mast = photograph(VIEW)
     mask = around(mast) | hut
-    found = find_sky_holes(lab_of(photo), mask, large_sky(mask), VIEW, UP, NO_POINTS)
+    found = find_sky_holes(rgb_to_lab(photo), mask, large_sky(mask), VIEW, UP, NO_POINTS)
     air = mask & over_horizon(VIEW, UP, SkyHoleOptions.horizon) & ~mast & ~hut
     assert air.sum() > 200
     assert (found & ~air).sum() == 0
@@ -58,7 +58,7 @@ def test_a_wall_as_pale_as_the_sky_stays() -> None:
     wall[30:78, 60:120] = True
     photo[wall] = (186, 206, 231)
     photo[50:60, 80:90] = (160, 180, 205)  # a shaded recess, darker than the sky but not by much
-    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(rgb_to_lab(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
 def test_a_white_wall_under_a_dark_cornice_stays() -> None:
@@ -67,9 +67,9 @@ def test_a_white_wall_under_a_dark_cornice_stays() -> None:
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[30:130, 40:200] = True
     photo[wall], photo[30:36, 40:200] = SKY, 10
-    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(rgb_to_lab(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
     photo[85:130, 40:200] = (150, 70, 55)  # on a brick foot it could as well be a gap
-    assert find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert find_sky_holes(rgb_to_lab(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
 
 
 def test_a_pale_column_before_bricks_stays() -> None:
@@ -78,9 +78,9 @@ def test_a_pale_column_before_bricks_stays() -> None:
     wall = np.zeros((HEIGHT, WIDTH), bool)
     wall[50:150, 20:220] = True
     photo[wall], photo[50:150, 118:122] = (150, 70, 55), SKY
-    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(rgb_to_lab(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS).any()
     photo[75:150, 118:122] = (150, 70, 55)
-    found = find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS)
+    found = find_sky_holes(rgb_to_lab(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS)
     assert found.any()  # a gap that ends over the horizon
 
 
@@ -93,9 +93,9 @@ def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
     photo[pane] = SKY
     y, x = np.mgrid[22:78:4, 62:140:4]
     points = np.stack([x.ravel(), y.ravel()], 1).astype(float)
-    assert not find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, points).any()
+    assert not find_sky_holes(rgb_to_lab(photo), wall, large_sky(wall), VIEW, UP, points).any()
     found = find_sky_holes(
-        lab_of(photo),
+        rgb_to_lab(photo),
         wall,
         large_sky(wall),
         VIEW,
@@ -107,7 +107,7 @@ def test_a_window_that_mirrors_the_sky_stays_where_it_holds_points() -> None:
 
 def test_without_sky_nothing_is_cut() -> None:
     photo, hut, mast = photograph(VIEW)
-    assert not find_sky_holes(lab_of(photo), hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
+    assert not find_sky_holes(rgb_to_lab(photo), hut | mast, np.zeros_like(hut), VIEW, UP, NO_POINTS).any()
 
 
 class _Everywhere:
@@ -150,5 +150,5 @@ def test_a_speck_is_no_hole() -> None:
     photo[40:60, 80:83], photo[40:44, 120] = SKY, SKY
     for smallest, columns in ((6, {80, 81, 82}), (1, {80, 81, 82, 120})):
         options = SkyHoleOptions(smallest=smallest)
-        found = find_sky_holes(lab_of(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS, options)
+        found = find_sky_holes(rgb_to_lab(photo), wall, large_sky(wall), VIEW, UP, NO_POINTS, options)
         assert set(np.nonzero(found)[1].tolist()) == columns

@@ -11,8 +11,8 @@ from mast import HEIGHT, LEGS, TOP, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
+from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.masks.prompts import Clicks, Prompts
-from mgf_engine.masks.propagation.appearance import lab_of
 from mgf_engine.masks.refinement.ground_homography import GroundPixels
 from mgf_engine.masks.refinement.sky_silhouette import (
     SilhouetteHull,
@@ -74,7 +74,7 @@ def draw(found: ThinStructures, scene: Scene, labels: list[NDArray[np.uint8]]) -
 def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
     view = VIEWS[1]
     photo, hut, mast = photograph(view)
-    found = find_silhouette(lab_of(photo), sky_of(view), view, UP)
+    found = find_silhouette(rgb_to_lab(photo), sky_of(view), view, UP)
     over = over_horizon(view, UP)
     assert (found.solid[over] == (hut | mast)[over]).all()
     assert (found.empty[over] == ~(hut | mast)[over]).all()
@@ -82,7 +82,7 @@ def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
 
 
 def test_a_photo_without_sky_tells_nothing() -> None:
-    found = find_silhouette(lab_of(photograph(VIEWS[0])[0]), np.zeros((HEIGHT, WIDTH), bool), VIEWS[0], UP)
+    found = find_silhouette(rgb_to_lab(photograph(VIEWS[0])[0]), np.zeros((HEIGHT, WIDTH), bool), VIEWS[0], UP)
     assert not found.empty.any() and not found.solid.any()
 
 
