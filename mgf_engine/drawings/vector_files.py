@@ -34,7 +34,7 @@ _ANSI31 = 3.175  # millimetres between those of the pattern ANSI31
 def file_shift(frame: DrawingFrame, survey: Survey) -> Array:
     """Return the offset of drawing coordinates in files, [2]: easting and northing of the CRS, or height."""
     east, north, height = survey.georeference.offset
-    if frame.normal[2] > 0.5:
+    if frame.normal[2] > 0.999999:
         return np.array([east, north]) if frame.x[0] > 0.999999 else np.zeros(2)
     return np.array([0.0, height]) if abs(frame.normal[2]) < 1e-6 else np.zeros(2)
 

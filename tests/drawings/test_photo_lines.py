@@ -17,13 +17,15 @@ from mgf_engine.drawings.load import read_survey
 from mgf_engine.drawings.model import CREASE, OUTLINE, DrawingFrame, Survey
 from mgf_engine.drawings.openings import ElevationPhotos, elevation_photos
 from mgf_engine.drawings.orthophoto import Visibility
-from mgf_engine.drawings.photo_lines import Move, PhotoLineOptions, find_moves, move_lines
+from mgf_engine.drawings.photo_lines import Move, PhotoLineOptions, find_moves, line_photos, move_lines
 from mgf_engine.drawings.project import Grid
 from mgf_engine.drawings.regions import RegionMap, survey_planes
 from mgf_engine.drawings.straighten import FittedSegment, Stroke
 from mgf_engine.drawings.trace import Chain
+from mgf_engine.model.mesh import Mesh
 from mgf_engine.openings.photo_edges import EdgePhotos
 from mgf_engine.texture.texture_pipeline import choose_painting
+from tests.support.analytic import camera as analytic_camera
 from tests.support.wall_photos import cameras
 
 PULLED = 1.5  # ground pixels
@@ -197,3 +199,20 @@ def test_half_of_a_line_has_to_be_shown(height: float, moved: bool) -> None:
 def test_short_lines_faint_edges_and_far_ones_stay(change: dict[str, float]) -> None:
     photos = photos_of(PLATE + np.array([0, 0, 2.0, 0]))
     assert find_moves([RIGHT], MAP, SURVEY, photos, replace(PhotoLineOptions(), **change)) == [{}]
+
+
+def test_on_the_mesh_a_photo_shows_what_its_mask_calls_building_and_beyond_the_mesh_all() -> None:
+    """A square of 2 x 2 that fills the right half of the mask, seen from 8 before it."""
+    camera = analytic_camera((0.0, -8.0, 0.0))
+    corners = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    mesh = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 3), np.uint8))
+    label = np.zeros((camera.height, camera.width), np.uint8)
+    label[:, camera.width // 2 :] = 1
+    survey = SimpleNamespace(normalised=mesh, masks=SimpleNamespace(labels=[label]))
+    photos = line_photos(survey, SimpleNamespace(views=[camera], chosen=[0]))  # type: ignore[arg-type]
+    on_mesh, behind, beside = np.array([[0.5, 0, 0], [-0.5, 0, 0]]), np.array([[0.5, 1, 0]]), np.array([[-2.0, 0, 0]])
+    front = np.array([0.0, -1, 0])
+    shown = photos.shows(0, np.concatenate([on_mesh, behind, beside, [[90.0, 0, 0]]]), front)
+    assert shown.tolist() == [True, False, False, True, False]
+    assert not photos.shows(0, on_mesh, -front).any()
+    assert not photos.shows(0, on_mesh, np.array([1.0, -0.05, 0])).any()

@@ -3,7 +3,16 @@ import cv2
 import numpy as np
 import pytest
 
-from mgf_engine.masks.image_ops import color_distance, dilate, enlarge, erode, masked_mean
+from mgf_engine.masks.image_ops import (
+    color_distance,
+    dilate,
+    dilate_square,
+    enlarge,
+    erode,
+    erode_square,
+    masked_mean,
+    rgb_to_lab,
+)
 
 
 def picture(height: int = 150, width: int = 230) -> tuple[np.ndarray, np.ndarray]:
@@ -70,3 +79,19 @@ def test_half_pixels_at_the_rim_belong_to_a_disc() -> None:
     dot = np.zeros((9, 9), bool)
     dot[4, 4] = True
     assert dilate(dot, 3)[4, 7] and dilate(dot, 3)[5, 7] and not dilate(dot, 3)[4, 8] and not dilate(dot, 3)[6, 7]
+
+
+def test_squares_grow_and_shrink_by_their_radius_and_the_frame_is_no_edge() -> None:
+    mask = np.zeros((20, 30), bool)
+    mask[8:13, :10] = True
+    grown, shrunk = np.zeros_like(mask), np.zeros_like(mask)
+    grown[6:15, :12], shrunk[10:11, :8] = True, True
+    np.testing.assert_array_equal(dilate_square(mask, 2), grown)
+    np.testing.assert_array_equal(erode_square(mask, 2), shrunk)
+    np.testing.assert_array_equal(dilate_square(mask, 0), mask)
+
+
+def test_cielab_has_its_own_units() -> None:
+    photo = np.array([[[255, 255, 255], [0, 0, 0], [255, 0, 0], [0, 0, 255]]], np.uint8)
+    known = [[100, 0, 0], [0, 0, 0], [53.2, 80.1, 67.2], [32.3, 79.2, -107.9]]
+    np.testing.assert_allclose(rgb_to_lab(photo)[0], known, atol=0.3)

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.small_scene import grid, photos, tilted
 
-from mgf_engine.scene.gravity import common_direction, rough_up, up_from_cameras, up_of_tilted_view
+from mgf_engine.native.library import set_threads
+from mgf_engine.scene import gravity
+from mgf_engine.scene.gravity import common_direction, find_up, rough_up, up_from_cameras, up_of_tilted_view
 from mgf_engine.scene.validation import surround_angle
 
 
@@ -130,3 +133,19 @@ def test_vertical_edges_tell_up_better_than_the_rough_direction(lean: float) -> 
     near = np.abs(normals @ rough) < np.sin(np.radians(10))
     found = common_direction(normals[near], np.ones(int(near.sum())), rough)
     assert np.degrees(np.arccos(min(found @ [0, 0, 1], 1.0))) < 0.1
+
+
+def test_edges_are_looked_for_in_several_photos_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = threading.Barrier(2, timeout=20)
+
+    def edge_planes(*given: object) -> tuple[np.ndarray, np.ndarray]:
+        both.wait()
+        return np.zeros((0, 3)), np.zeros(0)
+
+    monkeypatch.setattr(gravity, "edge_planes", edge_planes)
+    monkeypatch.setattr(gravity.Scene, "photo", lambda scene, index: None)
+    set_threads(2)
+    try:
+        assert find_up(photos(grid(2, 1), tilted(2, 0.0))).method == "cameras"
+    finally:
+        set_threads(0)
