@@ -171,9 +171,35 @@ def find_moves(
         together.
     """
     pixel = survey.working_pixel
+    found, strips = _find_lines(lines, regions, survey, options, foot)
+    curves = mean_gradients(strips, photos, options)
+    moves: list[dict[int, Move]] = [{} for _ in lines]
+    for group in _on_one_line(found, options.same_line * pixel):
+        distance = _distance_of(group, curves, options)
+        if distance is None:
+            continue
+        place = np.average([line.place for line in group], weights=[len(line.pieces) for line in group])
+        for line in group:
+            off = float(place) - line.place if len(group) > 1 else 0.0
+            moves[line.stroke][line.segment] = Move(line.edge.across, distance * pixel + off, line.edge.segment.along)
+    return moves
+
+
+def _offsets(eaves: bool, options: PhotoLineOptions) -> Array:
+    """Return the distances from a line at which gradients are looked at, ground pixels [n]; of eaves farther out."""
     offsets = np.arange(-options.reach, options.reach + 0.5 * STEP, STEP)
-    outward = options.overhang + 1.0 - options.reach
-    found, strips = list[_Line](), list[EdgeStrip]()
+    return offsets - (options.overhang + 1.0 - options.reach) * eaves
+
+
+def _find_lines(
+    lines: Sequence[tuple[Stroke, Chain]],
+    regions: RegionMap,
+    survey: Survey,
+    options: PhotoLineOptions,
+    foot: Array | None,
+) -> tuple[list[_Line], list[EdgeStrip]]:
+    """Return the segments that are the edge of a plane, and the strips of all; arguments of :func:`find_moves`."""
+    pixel, found, strips = survey.working_pixel, list[_Line](), list[EdgeStrip]()
     for row, (stroke, chain) in enumerate(lines):
         for k, segment in enumerate(stroke.segments):
             ends = stroke.points[k : k + 2]
@@ -182,32 +208,33 @@ def find_moves(
             edge = edge_of_plane(segment, ends, chain, regions, pixel, options.roof)
             if edge is None:
                 continue
-            frame, at = plane_frame(regions, edge.label, survey), offsets - outward * edge.eaves
-            pieces = _strips(edge.ends, edge.across, frame, pixel, at, options)
+            frame, offsets = plane_frame(regions, edge.label, survey), _offsets(edge.eaves, options)
+            pieces = _strips(edge.ends, edge.across, frame, pixel, offsets, options)
             found.append(_Line(row, k, edge, range(len(strips), len(strips) + len(pieces))))
             strips += pieces
-    curves = mean_gradients(strips, photos, options)
-    moves: list[dict[int, Move]] = [{} for _ in lines]
-    for group in _on_one_line(found, options.same_line * pixel):
-        rows = [piece for line in group for piece in line.pieces]
-        known = curves[rows][np.isfinite(curves[rows, 0])]
-        if len(known) < options.shown * len(rows):
-            continue
-        mean = known.mean(0)
-        if group[0].edge.eaves:
-            distance = _edge_in(mean, offsets - outward, options.spread_eaves, options.overhang, options.contrast)
-        elif any(line.edge.segment.known for line in group):
-            distance = _edge_in(mean, offsets, options.spread_known, options.farthest_known, options.contrast)
-        else:
-            distance = _edge_in(mean, offsets, options.spread, options.farthest, options.contrast)
-        if distance is not None:
-            place = np.average([line.place for line in group], weights=[len(line.pieces) for line in group])
-            for line in group:
-                off = float(place) - line.place if len(group) > 1 else 0.0
-                moves[line.stroke][line.segment] = Move(
-                    line.edge.across, distance * pixel + off, line.edge.segment.along
-                )
-    return moves
+    return found, strips
+
+
+def _distance_of(group: Sequence[_Line], curves: Array, options: PhotoLineOptions) -> float | None:
+    """Return how far an edge lies from lines in a row, ground pixels; None where the photos show none.
+
+    Args:
+        group: the lines.
+        curves: mean gradients of all strips [S, n], NaN for those that no photo shows.
+        options: limits.
+    """
+    rows = [piece for line in group for piece in line.pieces]
+    known = curves[rows][np.isfinite(curves[rows, 0])]
+    if len(known) < options.shown * len(rows):
+        return None
+    eaves = group[0].edge.eaves
+    if eaves:
+        limits = options.spread_eaves, options.overhang
+    elif any(line.edge.segment.known for line in group):
+        limits = options.spread_known, options.farthest_known
+    else:
+        limits = options.spread, options.farthest
+    return _edge_in(known.mean(0), _offsets(eaves, options), *limits, options.contrast)
 
 
 def _is_on(line: Array | None, ends: Array, near: float) -> bool:

@@ -88,13 +88,8 @@ def build_masks(
     reporter.preview(str(sheet), "Masks")
     _warn(result, scene, reporter)
     _check_clicks(clicks, masks, config.algorithm(PropagationOptions).click_slip)
-    small = small_building_warning(scene, masks, config.algorithm(BuildingSizeOptions)) if config.use_masks else None
-    if small is not None:
-        reporter.warning(small)
-    textures = config.algorithm(LowTextureOptions)
-    plain = low_texture_share(scene, masks, textures) if config.use_masks else 0.0
-    if plain > textures.warn_above:
-        reporter.warning(low_texture_warning(plain))
+    if config.use_masks:
+        _warn_of_building(scene, masks, config, reporter)
     return masks
 
 
@@ -249,7 +244,19 @@ def _check_clicks(clicks: Prompts, masks: MaskSet, slip: int) -> None:
 
 
 def _warn(result: Propagation, scene: Scene, reporter: Reporter) -> None:
+    """Warn of masks that are left out, and of what else was noticed on the way."""
     for text in result.warnings:
         reporter.warning(text)
     for text in describe_flags([view.name for view in scene.views], result.reasons):
         reporter.warning(text)
+
+
+def _warn_of_building(scene: Scene, masks: MaskSet, config: Config, reporter: Reporter) -> None:
+    """Warn where the building is small in the working photos, or much of it has no texture."""
+    small = small_building_warning(scene, masks, config.algorithm(BuildingSizeOptions))
+    if small is not None:
+        reporter.warning(small)
+    textures = config.algorithm(LowTextureOptions)
+    plain = low_texture_share(scene, masks, textures)
+    if plain > textures.warn_above:
+        reporter.warning(low_texture_warning(plain))

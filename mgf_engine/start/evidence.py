@@ -167,15 +167,13 @@ def _relative_strength(planes: LinePlanes, strongest: int) -> Array:
 def merge_points(evidence: Evidence, size: float) -> Evidence:
     """Merge the points of each cube of ``size``: the first one, all their views, the largest weight."""
     points, seen = evidence.points, evidence.seen
-    key = np.round((points - points.min(0)) / size).astype(np.int64)
-    spans = key.max(0) + 1
-    _, first, group = np.unique(
-        (key[:, 0] * spans[1] + key[:, 1]) * spans[2] + key[:, 2], return_index=True, return_inverse=True
-    )
+    cube = np.round((points - points.min(0)) / size).astype(np.int64)
+    number = np.ravel_multi_index(tuple(cube.T), tuple(cube.max(0) + 1))
+    _, first, group = np.unique(number, return_index=True, return_inverse=True)
     largest = np.zeros(len(first))
     np.maximum.at(largest, group, evidence.weight)
     count = np.array([len(s) for s in seen])
     pair = np.unique(np.repeat(group, count) * _MAX_VIEWS + np.concatenate([np.zeros(0, np.int64), *seen]))
-    owner, number = np.divmod(pair, _MAX_VIEWS)
-    together = np.split(number, np.searchsorted(owner, np.arange(1, len(first))))
+    owner, view = np.divmod(pair, _MAX_VIEWS)
+    together = np.split(view, np.searchsorted(owner, np.arange(1, len(first))))
     return Evidence(points[first], together, largest, evidence.on_planes[first], evidence.strength)

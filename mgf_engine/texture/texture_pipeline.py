@@ -26,8 +26,8 @@ from mgf_engine.texture.visibility import VisibilityOptions, find_face_views
 
 log = logging.getLogger("mgf")
 
-#: Shares of the work, for the progress bar.
-_SEEN, _LEVELLED = 0.35, 0.5
+#: Shares for the progress bar: the choice of photos among all, and what finds the visible faces among that.
+_CHOICE, _VISIBILITY = 0.5, 0.7
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,14 @@ def make_texture(
         progress: called with the share of the work done.
         options: of the choice of views, the levelling and the picture.
     """
-    painting = choose_painting(mesh, scene, masks, lambda share: progress(_LEVELLED * share), options)
+    painting = choose_painting(mesh, scene, masks, lambda share: progress(_CHOICE * share), options)
     views, label, neighbours = painting.views, painting.label, painting.neighbours
     finest = float(np.median([v.original_width / v.width for v in views]))
     layout = lay_out(
         _in_views(mesh, label, views), label, patches(label, neighbours), max(1.0, finest), largest_side,
         options.charts,
     )  # fmt: skip
-    image = bake(
-        mesh, layout, painting, lambda share: progress(_LEVELLED + (1 - _LEVELLED) * share), options.charts
-    )  # fmt: skip
+    image = bake(mesh, layout, painting, lambda share: progress(_CHOICE + (1 - _CHOICE) * share), options.charts)
     gone = painting.source.gone
     if gone:
         warn(
@@ -107,18 +105,17 @@ def choose_painting(
     def photo(i: int) -> NDArray[np.uint8]:
         return scene.photo(chosen[i])
 
-    seen = _SEEN / _LEVELLED
     face_views = find_face_views(
         mesh,
         views,
         photo,
         lambda i: building(masks.labels[chosen[i]]),
-        lambda share: progress(seen * share),
+        lambda share: progress(_VISIBILITY * share),
         options.visibility,
     )
     neighbours = face_neighbours(mesh.faces)
     label = choose_views(face_views, neighbours, face_areas(mesh), options.views, options.visibility.least_size)
-    progress(seen)
+    progress(_VISIBILITY)
     corrections = level_seams(mesh, label, neighbours, views, photo, options.seams)
     progress(1.0)
     originals = Originals(views, photo)

@@ -108,9 +108,9 @@ class BuildingExtent:
         self.scene, self.keep, self.ground = scene, keep, ground
         self.visibility = visibility
         fine = self.options.fine * _map_pixel(scene, keep, self.options)
-        columns = None
-        self.plan = GroundPlan.of(scene.points[keep], features.up, options.plan) if keep.any() else None
+        columns, self.plan = None, None
         if keep.any():
+            self.plan = GroundPlan.of(scene.points[keep], features.up, options.plan)
             spacing = float(np.median(features.spacing[keep]))
             walls_seen = looking_down(scene.views, options.gravity) is None
             over = Overhangs(scene.points[keep], features.up, spacing, walls_seen, options.overhangs)

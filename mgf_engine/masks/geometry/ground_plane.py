@@ -89,15 +89,15 @@ def find_ground_plane(
     points, best, best_score = scene.points, None, 0.0
     share = weight[pool] / weight[pool].sum()
     for three in _draws(rng, share, options.trials):
-        plane = _through(points[pool[three]], features.up, options)
+        plane = _through(points[pool[three]], features.up, thickness, options)
         if plane is None:
             continue
-        score = _support(plane, points, weight, thickness, centres)
+        score = _support(plane, points, weight, centres)
         if score > best_score:
             best, best_score = plane, score
     if best is None or best_score < options.least_support / 2:
         return None
-    return _refit(best, points, weight, thickness, options)
+    return _refit(best, points, weight, options)
 
 
 def _draws(rng: np.random.Generator, share: NDArray[np.float64], count: int) -> Iterator[NDArray[np.int64]]:
@@ -115,39 +115,34 @@ def _draws(rng: np.random.Generator, share: NDArray[np.float64], count: int) -> 
 
 
 def _through(
-    three: NDArray[np.float64], up: NDArray[np.float64], options: GroundPlaneOptions
-) -> tuple[NDArray[np.float64], float] | None:
+    three: NDArray[np.float64], up: NDArray[np.float64], thickness: float, options: GroundPlaneOptions
+) -> GroundPlane | None:
+    """Return the plane through three points [3, 3]; None where they lie on a line, or it is too steep."""
     normal = np.cross(three[1] - three[0], three[2] - three[0])
     length = np.linalg.norm(normal)
     if length < 1e-12:
         return None
     normal = normal / length * np.sign(normal @ up or 1.0)
-    return (normal, float(normal @ three[0])) if normal @ up > np.cos(options.largest_tilt) else None
+    level = normal @ up > np.cos(options.largest_tilt)
+    return GroundPlane(normal, float(normal @ three[0]), thickness) if level else None
 
 
 def _support(
-    plane: tuple[NDArray[np.float64], float],
-    points: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    thickness: float,
-    centres: NDArray[np.float64],
+    plane: GroundPlane, points: NDArray[np.float64], weight: NDArray[np.float64], centres: NDArray[np.float64]
 ) -> float:
-    normal, level = plane
-    if np.mean(centres @ normal > level) < 0.9:
+    """Return the weight [P] of the points [P, 3] on a plane, less where others lie below it; 0 below the cameras."""
+    if np.mean(centres @ plane.normal > plane.level) < 0.9:
         return 0.0
-    height = points @ normal - level
-    below = np.mean(height < -3 * thickness)
-    return float(weight[np.abs(height) < thickness].sum() * max(0.0, 1 - 10 * below))
+    height = plane.height(points)
+    below = np.mean(height < -3 * plane.thickness)
+    return float(weight[np.abs(height) < plane.thickness].sum() * max(0.0, 1 - 10 * below))
 
 
 def _refit(
-    plane: tuple[NDArray[np.float64], float],
-    points: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    thickness: float,
-    options: GroundPlaneOptions,
+    plane: GroundPlane, points: NDArray[np.float64], weight: NDArray[np.float64], options: GroundPlaneOptions
 ) -> GroundPlane:
-    normal, level = plane
+    """Fit a plane to the points [P, 3] near it by weighted least squares, and measure how thick their layer is."""
+    normal, level, thickness = plane.normal, plane.level, plane.thickness
     for _ in range(3):
         near = (np.abs(points @ normal - level) < thickness) & (weight > 0.05)
         centre = np.average(points[near], axis=0, weights=weight[near])

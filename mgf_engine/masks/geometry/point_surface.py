@@ -201,9 +201,9 @@ def _columns(
 
 
 def _thin(samples: Points, owner: NDArray[np.int64], cell: float) -> tuple[Points, NDArray[np.int64]]:
+    """Keep the first sample of each cell, with its owner."""
     cells = np.floor((samples - samples.min(0)) / cell).astype(np.int64)
-    spans = cells.max(0) + 1
-    first = _first_of_each((cells[:, 0] * spans[1] + cells[:, 1]) * spans[2] + cells[:, 2])
+    first = _first_of_each(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(0) + 1)))
     return samples[first], owner[first]
 
 

@@ -173,9 +173,8 @@ class MaskCorrection:
             panes: that mirror sky, bool [H, W], in which no holes are cut.
         """
         view, place = self.scene.views[index], extent.view_regions(index)
-        size = (view.width, view.height)
-        core = cv2.resize(place.core.astype(np.uint8), size) > 0
-        seen = cv2.resize((place.core & ~place.ground_first).astype(np.uint8), size) > 0
+        parts = (place.core, place.core & ~place.ground_first, place.ground_first)
+        core, seen, ground = (cv2.resize(part.astype(np.uint8), (view.width, view.height)) > 0 for part in parts)
         labels, sky = self.labels[index], self._sky(index)
         lab = rgb_to_lab(self.scene.photo(index))
         drawn = draw_skyline(lab, building(labels), sky, self.config.algorithm(SkyOptions))
@@ -192,7 +191,6 @@ class MaskCorrection:
         regions = self.config.algorithm(HomogeneousRegionOptions)
         labels[find_missing_pixels(lab, labels, sky, clicks.negative, regions)] = BUILDING
         labels[seen & (labels == BACKGROUND) & ~sky] = IGNORE
-        ground = cv2.resize(place.ground_first.astype(np.uint8), size) > 0
         plants = self._of_regions(index, self.graph.plants)
         leaves = find_foreground_leaves(labels, plants, self.config.algorithm(LeafOptions))
         labels[leaves & ~sky & ~ground] = IGNORE
