@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -61,6 +62,38 @@ class ElevationOptions:
     walls: ElevationWallOptions = ElevationWallOptions()
 
 
+@dataclass
+class _Lines:
+    """The lines of an elevation while it is drawn.
+
+    Attributes:
+        strokes: all of them; layers: of each.
+        borders: the strokes that follow a border, each with that border.
+        places: where strokes end, number -> [2].
+        openings: left, low, right, high of what is drawn as a rectangle, [4].
+    """
+
+    strokes: list[Stroke] = field(default_factory=list)
+    layers: list[str] = field(default_factory=list)
+    borders: list[tuple[Stroke, Chain]] = field(default_factory=list)
+    places: dict[int, Array] = field(default_factory=dict)
+    openings: list[Array] = field(default_factory=list)
+
+    def add_rectangle(self, box: Array, grid: Grid, ends: tuple[int, int], layer: str) -> None:
+        """Add left, top, right, bottom in pixels of a grid [4], ending where a border did."""
+        left, top, right, bottom = box
+        ring = grid.places(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
+        self.strokes.append(rectangle_stroke(ring, ends))
+        self.layers.append(layer)
+        self.openings.append(np.concatenate([ring[3], ring[1]]))
+
+    def add_border(self, stroke: Stroke, chain: Chain, layer: str) -> None:
+        """Add the stroke of a border."""
+        self.strokes.append(stroke)
+        self.layers.append(layer)
+        self.borders.append((stroke, chain))
+
+
 def draw_elevation(
     survey: Survey,
     planes: Planes,
@@ -79,52 +112,81 @@ def draw_elevation(
         photos: to take edges of openings and of planes from; None takes them from the mesh.
         ground: around the building, where elevations end; None draws what the mesh has below it, too.
     """
+    pixel = survey.working_pixel
     regions = find_regions(survey, planes, frame, options.regions)
     seen = render_grid(survey, regions.grid)
     merge_regions(regions, seen, survey, options.merging)
     found = _openings(survey, regions, seen, options, photos)
-    boxes = [opening.box for opening in found]
-    given = plane_lines(survey, planes, frame, options.plane_lines)
-    foot = cut_at_ground(regions, ground, survey.working_pixel, options.foot) if ground and _is_upright(frame) else None
+    known = plane_lines(survey, planes, frame, options.plane_lines)
+    foot = cut_at_ground(regions, ground, pixel, options.foot) if ground and _is_upright(frame) else None
     if foot is not None:
-        given = np.concatenate([given, foot])
-    chains = trace(regions.label)
-    kinds = [classify(chain, regions, survey.working_pixel, options) for chain in chains]
-    slack = options.walls.openings.side * survey.working_pixel / regions.grid.resolution
-    drawn = [
-        (chain, kind)
-        for chain, kind in zip(chains, kinds, strict=True)
-        if kind is not None and not is_within_opening(chain, kind, boxes, 0.5 * slack)
-    ]
-    places: dict[int, Array] = {}
-    strokes, borders = list[Stroke](), list[tuple[Stroke, Chain]]()
-    openings: list[Array] = []
-    level = [opening.box for opening in found if not opening.rise]
-    for opening in level:
-        _draw_rectangle(opening, regions.grid, (-1, -1), strokes, openings)
-    for chain, kind in drawn:
-        corners = regions.grid.places(chain.corners)
-        places[chain.ends[0]], places[chain.ends[1]] = corners[0], corners[-1]
-        box = fit_rectangle(chain.corners, options.rectangles) if _is_opening(chain, kind) else None
-        if box is not None:
-            _draw_rectangle(box, regions.grid, chain.ends, strokes, openings)
-            continue
-        known = meeting_line(regions, chain) if kind == CREASE else given
-        stroke = straighten(corners, chain.ends, survey.working_pixel, known, options.straightening, frayed=True)
-        if kind == OUTLINE and _is_upright(frame):
-            square_overhangs(stroke, regions, survey.working_pixel, options.overhangs)
-        strokes.append(stroke)
-        borders.append((stroke, chain))
+        known = np.concatenate([known, foot])
+    lines = _Lines()
+    for opening in found:
+        if not opening.rise:
+            lines.add_rectangle(opening.box, regions.grid, (-1, -1), STEP)
+    for chain, layer in _borders(regions, found, pixel, options):
+        _draw_border(lines, chain, layer, regions, pixel, known, options)
     if photos is not None:
-        moves = find_moves(borders, regions, survey, photos.lines, options.photo_lines, foot)
-        move_lines([stroke for stroke, _ in borders], moves, places, survey.working_pixel, options.straightening)
-    join_ends(strokes, places, survey.working_pixel, options.straightening)
-    lines = _merged(
-        strokes, [STEP] * len(level) + [kind for _, kind in drawn], survey.working_pixel, options.straightening
-    )
+        moves = find_moves(lines.borders, regions, survey, photos.lines, options.photo_lines, foot)
+        move_lines([stroke for stroke, _ in lines.borders], moves, lines.places, pixel, options.straightening)
+    join_ends(lines.strokes, lines.places, pixel, options.straightening)
+    merged = _merged(lines.strokes, lines.layers, pixel, options.straightening)
     arches = [_arched_outline(opening, regions.grid) for opening in found if opening.rise]
-    openings += [np.concatenate([line.points.min(0), line.points.max(0)]) for line in arches]
-    return LineDrawing(frame, lines + arches, [], openings)
+    boxes = [np.concatenate([line.points.min(0), line.points.max(0)]) for line in arches]
+    return LineDrawing(frame, merged + arches, [], lines.openings + boxes)
+
+
+def _borders(
+    regions: RegionMap, openings: list[ElevationOpening], pixel: float, options: ElevationOptions
+) -> Iterator[tuple[Chain, str]]:
+    """Yield the borders of regions that are drawn, each with its layer: no noise in an opening.
+
+    Args:
+        regions: of the elevation.
+        openings: in its walls.
+        pixel: a ground pixel, local unit.
+        options: from which step in depth and which angle on a border is a line.
+    """
+    boxes = [opening.box for opening in openings]
+    slack = 0.5 * options.walls.openings.side * pixel / regions.grid.resolution
+    for chain in trace(regions.label):
+        layer = classify(chain, regions, pixel, options)
+        if layer is not None and not is_within_opening(chain, layer, boxes, slack):
+            yield chain, layer
+
+
+def _draw_border(
+    lines: _Lines,
+    chain: Chain,
+    layer: str,
+    regions: RegionMap,
+    pixel: float,
+    known: Array,
+    options: ElevationOptions,
+) -> None:
+    """Add a border to the lines of an elevation, as a rectangle or as straight segments.
+
+    Args:
+        lines: to add to.
+        chain: the border.
+        layer: its layer.
+        regions: of the elevation.
+        pixel: a ground pixel, local unit.
+        known: lines where the planes of the mesh meet, [K, 5].
+        options: of rectangles, straightening and overhangs.
+    """
+    corners = regions.grid.places(chain.corners)
+    lines.places[chain.ends[0]], lines.places[chain.ends[1]] = corners[0], corners[-1]
+    box = fit_rectangle(chain.corners, options.rectangles) if _is_opening(chain, layer) else None
+    if box is not None:
+        lines.add_rectangle(box, regions.grid, chain.ends, layer)
+        return
+    line = meeting_line(regions, chain) if layer == CREASE else known
+    stroke = straighten(corners, chain.ends, pixel, line, options.straightening, frayed=True)
+    if layer == OUTLINE and _is_upright(regions.grid.frame):
+        square_overhangs(stroke, regions, pixel, options.overhangs)
+    lines.add_border(stroke, chain, layer)
 
 
 def _is_upright(frame: DrawingFrame) -> bool:
@@ -157,16 +219,6 @@ def is_within_opening(chain: Chain, kind: str, boxes: list[Array], slack: float)
     if kind == OUTLINE and not chain.closed:
         return False
     return max(shares, default=0.0) >= (_LOOP_WITHIN if chain.closed else 1.0)
-
-
-def _draw_rectangle(
-    box: Array, grid: Grid, ends: tuple[int, int], strokes: list[Stroke], openings: list[Array]
-) -> None:
-    """Add left, top, right, bottom in pixels [4] to the strokes and openings of a drawing."""
-    left, top, right, bottom = box
-    ring = grid.places(np.array([[left, top], [right, top], [right, bottom], [left, bottom]]))
-    strokes.append(rectangle_stroke(ring, ends))
-    openings.append(np.concatenate([ring[3], ring[1]]))
 
 
 def _arched_outline(opening: ElevationOpening, grid: Grid) -> Polyline:
