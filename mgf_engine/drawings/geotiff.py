@@ -77,8 +77,7 @@ def placement(grid: Grid, survey: Survey) -> dict[str, Any]:
 
 def in_crs(frame: DrawingFrame, survey: Survey) -> bool:
     """Tell whether the axes of a drawing are those of the job's CRS."""
-    level = frame.normal[2] > 0.999999 and frame.x[0] > 0.999999
-    return bool(level and survey.georeference.crs is not None)
+    return bool(frame.from_above and frame.x[0] > 0.999999 and survey.georeference.crs is not None)
 
 
 def frame_tags(frame: DrawingFrame, survey: Survey) -> dict[str, str]:

@@ -47,6 +47,11 @@ class DrawingFrame:
         return np.cross(self.x, self.y)
 
     @property
+    def from_above(self) -> bool:
+        """Whether it is seen from straight above, as plans and roofs are."""
+        return bool(self.normal[2] > 0.999999)
+
+    @property
     def size(self) -> Array:
         """Width and height, [2]."""
         return self.high - self.low

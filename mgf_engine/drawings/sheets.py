@@ -48,8 +48,7 @@ def choose_scale(size: NDArray[np.float64], paper: str, wanted: float | None = N
     Raises:
         BadInput: none does, or the wanted one does not.
     """
-    least = float((1000 * size / (np.array(PAPERS[paper]) - 2 * MARGIN - (0, FOOT))).max())
-    fitting = fitting_scale(size, paper)
+    least, fitting = _least_scale(size, paper), fitting_scale(size, paper)
     if fitting < least:
         raise BadInput(
             f"A drawing of {size[0]:.0f} x {size[1]:.0f} fits on no sheet {paper}; give the scene true lengths."
@@ -64,14 +63,19 @@ def choose_scale(size: NDArray[np.float64], paper: str, wanted: float | None = N
 
 def fitting_scale(size: NDArray[np.float64], paper: str) -> float:
     """Return the largest round scale at which a drawing fits on paper; the smallest where none does."""
-    room = np.array(PAPERS[paper]) - 2 * MARGIN - (0, FOOT)
-    least = float((1000 * size / room).max())
+    least = _least_scale(size, paper)
     return next((scale for scale in SCALES if scale >= least), SCALES[-1])
+
+
+def _least_scale(size: NDArray[np.float64], paper: str) -> float:
+    """Return the N of 1:N at which a drawing of this width and height fills the sheet."""
+    room = np.array(PAPERS[paper]) - 2 * MARGIN - (0, FOOT)
+    return float((1000 * size / room).max())
 
 
 def north_in(survey: Survey, frame: DrawingFrame) -> NDArray[np.float64] | None:
     """Return the direction of north in a drawing from above, unit [2]; None in others, and if it is unknown."""
-    if frame.normal[2] < 0.5 or not survey.georeference.north_known:
+    if not frame.from_above or not survey.georeference.north_known:
         return None
     return np.array([frame.x[1], frame.y[1]])
 

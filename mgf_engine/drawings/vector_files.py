@@ -34,7 +34,7 @@ _ANSI31 = 3.175  # millimetres between those of the pattern ANSI31
 def file_shift(frame: DrawingFrame, survey: Survey) -> Array:
     """Return the offset of drawing coordinates in files, [2]: easting and northing of the CRS, or height."""
     east, north, height = survey.georeference.offset
-    if frame.normal[2] > 0.999999:
+    if frame.from_above:
         return np.array([east, north]) if frame.x[0] > 0.999999 else np.zeros(2)
     return np.array([0.0, height]) if abs(frame.normal[2]) < 1e-6 else np.zeros(2)
 
@@ -88,7 +88,7 @@ def write_svg(path: Path, drawing: LineDrawing, survey: Survey, scale: float) ->
         scale: the file's size and pens are those of a print at 1:scale.
     """
     shift = file_shift(drawing.frame, survey)
-    added = shift if drawing.frame.normal[2] > 0.5 else np.zeros(2)
+    added = shift if drawing.frame.from_above else np.zeros(2)
     shift, margin = shift - added, 0.02 * float(drawing.frame.size.max())
     low, high = drawing.frame.low + shift - margin, drawing.frame.high + shift + margin
     width, height = high - low

@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 from mgf_engine.drawings.geotiff import write_geotiff
 from mgf_engine.drawings.model import LineDrawing
 from mgf_engine.drawings.project import Grid, GridBuffers
-from mgf_engine.drawings.quantities import (
-    deviation_picture,
-    small_unit,
-)
+from mgf_engine.drawings.quantities import deviation_picture, small_unit
 from mgf_engine.drawings.sheets import Sheet, choose_scale, fitting_scale, north_in, write_sheet
 from mgf_engine.drawings.vector_files import write_dxf, write_svg
 from mgf_engine.drawings.work import Work
@@ -53,7 +50,7 @@ def write_sheets(work: Work, drawing: LineDrawing, image: NDArray[np.uint8], gri
         grid: places of its pixels.
     """
     name = drawing.frame.name
-    above = drawing.frame.normal[2] > 0.5
+    above = drawing.frame.from_above
     for kind, photo in (("orthophoto", image), ("lines", None)):
         shown = drawing if photo is None else LineDrawing(drawing.frame, [], [])
         what = "orthophoto" if photo is not None else "roof" if above else "elevation"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
 from mgf_engine.masks.geometry.visual_hull import with_hull_points
+from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.coarse_stereo import confirmed_texture, match_reduced, texture_strength
@@ -122,7 +123,7 @@ def _confirmed(
     photo = depths.photos[views.indices[number]]
     height, width = photo.grey.shape
     color = cv2.resize(views.scene.photo(views.indices[number]), (width, height), interpolation=cv2.INTER_AREA)
-    light = cv2.cvtColor(color.astype(np.float32) / 255, cv2.COLOR_RGB2Lab)[..., 0]
+    light = rgb_to_lab(np.asarray(color, np.uint8))[..., 0]
     _, points = depths.points(views.indices[number], photo.inside & (texture_strength(light) > options.texture))
     points = points[((points > views.low) & (points < views.high)).all(1)]
     others = [int(n) for n in np.flatnonzero(views.angles[number] < options.largest_angle) if n != number]

@@ -16,6 +16,7 @@ from mgf_engine.geometry.boxes import grid_points, pad_box, percentile_box
 from mgf_engine.geometry.rasterize import scaled_view
 from mgf_engine.masks.geometry.visual_hull import hull_cells
 from mgf_engine.model.masks import BACKGROUND, MaskSet, building
+from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.native.library import parallel
 from mgf_engine.start.options import OutsideOptions, ViewOptions
@@ -216,14 +217,13 @@ def _points_of(
     inside = np.zeros(len(number), bool)
     for i in indices:
         rows = scene.observations(i)
-        at = np.floor(scene.track_uv[rows]).astype(int)
-        inside[rows] = building(masks.labels[i])[at[:, 1], at[:, 0]]
+        inside[rows] = building(masks.labels[i])[pixel_at(masks.labels[i].shape, scene.track_uv[rows])]
     used = (number >= 0) & masks.point_mask[point]
     track = np.bincount(point[used], minlength=len(scene.points))
     agree = np.bincount(point[used & inside], minlength=len(scene.points))
     kept = np.flatnonzero((track >= options.least_track) & (agree > options.track_share * track))
-    seen = [np.unique(number[a:b][used[a:b]]) for a, b in zip(scene.track_start[kept], scene.track_start[kept + 1])]  # noqa: B905
-    return scene.points[kept], seen
+    tracks = zip(scene.track_start[kept], scene.track_start[kept + 1], strict=True)
+    return scene.points[kept], [np.unique(number[a:b][used[a:b]]) for a, b in tracks]
 
 
 def _pixel(points: NDArray[np.float64], seen: Sequence[NDArray[np.int64]], views: Sequence[View]) -> float:
