@@ -130,8 +130,7 @@ def import_result(
     alone = imported is None or imported.root is None
     alone = alone or _foreign(imported, content.delivery if content else read_delivery(folder))
     offset = None if alone else imported.offset
-    fits = content is not None and alone == (content.frame is not None)
-    if not fits or (offset is not None and not np.array_equal(offset, content.offset)):
+    if content is None or not _was_read_for(content, offset):
         content, mesh = read_result(folder, offset), None
     delivery = content.delivery
     texture = load_texture(delivery.texture) if content.mesh is not None and delivery.texture is not None else None
@@ -157,6 +156,13 @@ def fitting_scene(scene: bpy.types.Scene, folder: Path) -> ImportedScene | None:
     """
     delivery = read_delivery(folder.absolute())
     return next((imported for imported in ImportedScene.find_all(scene) if not _foreign(imported, delivery)), None)
+
+
+def _was_read_for(content: Content, offset: np.ndarray | None) -> bool:
+    """Tell whether a job was read for an imported scene with this offset; None for a job that comes alone."""
+    if offset is None:
+        return content.frame is not None
+    return content.frame is None and np.array_equal(offset, content.offset)
 
 
 def _look_at(scene: bpy.types.Scene, imported: ImportedScene) -> None:
