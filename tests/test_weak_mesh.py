@@ -16,12 +16,22 @@ from mgf_engine.options.config import make_config
 from mgf_engine.runners import mesh as mesh_runner
 
 
-@pytest.mark.parametrize(("confidence", "said"), [(0.2, True), (0.49, True), (0.7, False)])
+@pytest.mark.parametrize(
+    ("confidence", "said"),
+    [
+        ([0.2] * 3, True),
+        ([0.49] * 3, True),
+        ([0.52] * 3, True),  # nowhere do the photos agree
+        ([0.52, 0.52, 0.7], True),  # on a third
+        ([0.52, 0.6, 0.6], False),
+        ([0.7] * 3, False),
+    ],
+)
 def test_a_weak_mesh_is_spoken_of(
-    confidence: float, said: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    confidence: list[float], said: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mesh = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32), np.zeros((3, 3), np.uint8))
-    mesh.values.update(confidence=np.full(3, confidence, np.float32), views=np.array([0, 3, 4], np.int32))
+    mesh.values.update(confidence=np.array(confidence, np.float32), views=np.array([0, 3, 4], np.int32))
     scene = SimpleNamespace(to_normalised=Similarity(1.0, np.eye(3), np.zeros(3)))
     monkeypatch.setattr(mesh_runner, "load_inputs", lambda job: (scene, None))
     monkeypatch.setattr(mesh_runner, "load_field", lambda job: None)

@@ -139,6 +139,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("vertex_colors", "mesh", "Vertex colours from photos", "mesh.colors:ColorOptions"),
     Algorithm("planar_clustering", "mesh", "Merging of vertices in flat areas", "mesh.planar_clustering:PlanarClusteringOptions"),
     Algorithm("mask_votes", "mesh", "Vote of the masks on faces", "mesh.mask_votes:MaskVoteOptions"),
+    Algorithm("confidence_warning", "mesh", "Warning of meshes that photos hardly confirm", "mesh.confidence_warning:ConfidenceWarningOptions"),
     Algorithm("low_confidence_fill", "mesh", "Membrane over dents that no photo confirms", "mesh.low_confidence_fill:LowConfidenceFillOptions"),
     Algorithm("unobserved_volumes", "mesh", "Removal of volumes that no photo shows", "mesh.unobserved_volumes:UnobservedVolumeOptions"),
     Algorithm("extraction", "mesh", "Mesh extraction as a whole", "mesh.options:ExtractionOptions"),

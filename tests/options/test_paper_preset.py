@@ -149,7 +149,7 @@ IDLE = {
         "start",
     ),
     "photometric": "match_photos", "depth_smoothing": "match_photos", "prior": "start", "tsdf": "surface",
-    "visual_hull": "visual_hull", "mesh_refinement": "refine_rounds",
+    "confidence_warning": "surface", "visual_hull": "visual_hull", "mesh_refinement": "refine_rounds",
     **dict.fromkeys(("planar", "relief", "patches", "plane_labels", "plane_extension", "plane_borders"), "flatten"),
     **dict.fromkeys(
         ("opening_walls", "opening_detection", "opening_edges", "opening_arches", "opening_cuts"), "openings"

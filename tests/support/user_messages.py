@@ -15,7 +15,7 @@ GAP = "…"  # where a value goes
 _SAYING, _SENTENCES = {"BadInput", "UnreadablePhoto", "UserError", "warning", "warn", "_warn", "Choice"}, {"tr", "N_"}
 #: Functions that make sentences for somebody else to say.
 _MAKING = {"describe_misfits", "describe_flags", "low_texture_warning", "small_building_warning",
-           "missing_text", "sentences", "_ignored_text", "_used_text", "_missed_text", "weak_surface",
+           "missing_text", "sentences", "_ignored_text", "_used_text", "_missed_text", "low_confidence_warning",
            "renamed_values", "choose_device", "poor_photos", "shortage", "diagnose", "check_gpu",
            "_misfit_text", "_outside_text", "_far_text", "_wrong_mark_text", "wrong_marks", "_mistake",
            "unseen_text", "veto_text"}  # fmt: skip
