@@ -22,7 +22,7 @@ from mgf_engine.runners import mesh as mesh_runner
         ([0.2] * 3, True),
         ([0.49] * 3, True),
         ([0.52] * 3, True),  # nowhere do the photos agree
-        ([0.52, 0.52, 0.7], True),  # on a third
+        ([0.52, 0.52, 0.7], True),  # they agree on a third of it
         ([0.52, 0.6, 0.6], False),
         ([0.7] * 3, False),
     ],
