@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from mgf_engine.evaluation.confidence import ConfidenceShares
+from mgf_engine.mesh.confidence import ConfidenceShares
 
 _WORTH_SAYING = 0.1  # share of the area
 _FINER = 1.3  # how much larger than the working photos the originals are before it is worth saying

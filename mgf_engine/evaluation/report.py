@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mgf_engine.evaluation.confidence import ConfidenceShares
 from mgf_engine.evaluation.curve import curve_svg
 from mgf_engine.evaluation.evenness import Evenness
 from mgf_engine.evaluation.images import Scores, mean_scores
@@ -25,6 +24,7 @@ from mgf_engine.evaluation.lpips import how_to_get
 from mgf_engine.evaluation.pictures import ERROR_LIMIT
 from mgf_engine.files.atomic import atomic_path, write_json
 from mgf_engine.files.images import read_rgb
+from mgf_engine.mesh.confidence import ConfidenceShares
 
 FORMAT = 1
 #: Longest side and JPEG quality of embedded pictures; a view's six pictures take about 250 kB.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput
 from mgf_engine.evaluation.advice import JobFacts, advice
-from mgf_engine.evaluation.confidence import colored_by_confidence, measure_confidence
+from mgf_engine.evaluation.confidence_colors import colored_by_confidence
 from mgf_engine.evaluation.curve import curve_svg
 from mgf_engine.evaluation.evenness import Evenness, measure_evenness, typical_pixel
 from mgf_engine.evaluation.images import Scores, mean_scores, score
@@ -30,6 +30,7 @@ from mgf_engine.georef.find import GeoreferenceFit
 from mgf_engine.georef.report import georeference_figures, georeference_html
 from mgf_engine.jobs.job import Job
 from mgf_engine.masks.segmenters.messages import describe_used_segmenter
+from mgf_engine.mesh.confidence import measure_confidence
 from mgf_engine.messages import Reporter
 from mgf_engine.model.gaussians import Gaussians
 from mgf_engine.model.masks import MaskSet, building
@@ -101,8 +102,9 @@ def report_job(
     data.lpips = lpips.name if lpips else ""
     data.curve_drawing, data.turntable = drawing, list(turned)
     data.relief, data.evenness = list(relief), evenness
-    data.confidence = measure_confidence(mesh)
-    if data.confidence is not None:
+    confidence = measure_confidence(mesh)
+    if confidence is not None:
+        data.confidence = confidence.shares
         data.confidence_pictures = list(
             turntable(colored_by_confidence(mesh), scene, _CONFIDENCE_SIDES, grey_behind=True)
         )

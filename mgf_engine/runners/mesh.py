@@ -9,7 +9,8 @@ from mgf_engine.geometry.block_store import clear_blocks
 from mgf_engine.geometry.mesh_files import in_scene, write_ply
 from mgf_engine.jobs.job import Job
 from mgf_engine.jobs.results import load_field, load_inputs
-from mgf_engine.mesh.confidence_warning import ConfidenceWarningOptions, low_confidence_warning, mesh_confidence
+from mgf_engine.mesh.confidence import measure_confidence
+from mgf_engine.mesh.confidence_warning import ConfidenceWarningOptions, low_confidence_warning
 from mgf_engine.mesh.extract import extract_mesh
 from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.parts import FILE as PARTS_FILE
@@ -34,10 +35,10 @@ def run_mesh(job: Job, reporter: Reporter) -> dict[str, Any]:
         voted = face_parts(mesh, scene, masks, list(named.values()), job.config.algorithm(FacePartOptions))
         write_parts(list(named), voted, job.path(PARTS_FILE))
     figures: dict[str, Any] = {"vertices": len(mesh.vertices), "faces": len(mesh.faces), **times.figures()}
-    if "confidence" in mesh.values:
-        rating = job.config.algorithm(ConfidenceWarningOptions)
-        found = mesh_confidence(mesh, rating)
-        figures["confidence"], figures["unseen_share"] = round(found.mean, 3), round(found.unseen, 4)
+    rating = job.config.algorithm(ConfidenceWarningOptions)
+    found = measure_confidence(mesh, rating.low)
+    if found is not None:
+        figures["confidence"], figures["unseen_share"] = round(found.mean, 3), round(found.shares.unseen, 4)
         warning = low_confidence_warning(found, rating)
         if warning is not None:
             reporter.warning(warning)

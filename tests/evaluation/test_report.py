@@ -16,7 +16,6 @@ import pytest
 import torch
 
 from mgf_engine.errors import BadInput
-from mgf_engine.evaluation.confidence import ConfidenceShares
 from mgf_engine.evaluation.curve import curve_svg, smoothed
 from mgf_engine.evaluation.evenness import Evenness, PlaneEvenness
 from mgf_engine.evaluation.images import score
@@ -31,6 +30,7 @@ from mgf_engine.evaluation.report import (
 )
 from mgf_engine.export import report as job_report
 from mgf_engine.files.images import write_png
+from mgf_engine.mesh.confidence import ConfidenceShares
 from mgf_engine.options.config import as_dict, make_config
 
 

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shares of the area of a mesh by its confidence, and colours that show where it is how high."""
+"""Measure how far photos confirm a mesh, by area: vertices are many where the surface is rough."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,22 +34,37 @@ class ConfidenceShares:
     unseen: float
 
 
-def measure_confidence(mesh: Mesh) -> ConfidenceShares | None:
-    """Measure the shares; None for a mesh without ``confidence`` and ``views``, or without an area."""
+@dataclass(frozen=True)
+class MeshConfidence:
+    """How far photos confirm a mesh.
+
+    Attributes:
+        mean: mean confidence, 0..1.
+        low: share of the area with low confidence, 0..1.
+        shares: the whole area by its confidence.
+    """
+
+    mean: float
+    low: float
+    shares: ConfidenceShares
+
+
+def measure_confidence(mesh: Mesh, low: float = _THREE_PHOTOS) -> MeshConfidence | None:
+    """Measure ``confidence`` and ``views`` of a mesh; None without them, or without an area.
+
+    Args:
+        mesh: in any frame.
+        low: confidence below which it is low.
+    """
     areas = vertex_areas(mesh)
-    if not {"confidence", "views"} <= set(mesh.values) or not areas.sum() > 0:
+    total = areas.sum()
+    if not {"confidence", "views"} <= set(mesh.values) or not total > 0:
         return None
     confidence, unseen = mesh.values["confidence"], mesh.values["views"] == 0
     agreed, three = ~unseen & (confidence >= _AGREED), ~unseen & (confidence >= _THREE_PHOTOS)
 
     def share(of: NDArray[np.bool_]) -> float:
-        return float(areas[of].sum() / areas.sum())
+        return float(areas[of].sum() / total)
 
-    return ConfidenceShares(share(agreed), share(three & ~agreed), share(~unseen & ~three), share(unseen))
-
-
-def colored_by_confidence(mesh: Mesh) -> Mesh:
-    """Return the mesh coloured from violet (confidence 0) to yellow (1), as the add-on shows it."""
-    grey = (255 * np.clip(mesh.values["confidence"], 0, 1)).round().astype(np.uint8)
-    colors = cv2.applyColorMap(grey[:, None], cv2.COLORMAP_VIRIDIS)[:, 0, ::-1]
-    return replace(mesh, colors=np.ascontiguousarray(colors))
+    shares = ConfidenceShares(share(agreed), share(three & ~agreed), share(~unseen & ~three), share(unseen))
+    return MeshConfidence(float(np.average(confidence, weights=areas)), share(confidence < low), shares)
