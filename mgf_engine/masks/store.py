@@ -82,7 +82,8 @@ def save_masks(
         }
         for k, (view, file) in enumerate(zip(scene.views, files, strict=True))
     ]
-    write_json(folder / "scores.json", {"version": VERSION, **(figures or {}), "views": views})
+    up = None if masks.up is None else masks.up.tolist()
+    write_json(folder / "scores.json", {"version": VERSION, **(figures or {}), "up": up, "views": views})
 
 
 def read_masks(folder: Path, scene: Scene) -> MaskSet:
@@ -102,7 +103,7 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
         points = np.frombuffer((folder / "points.bin").read_bytes(), np.uint8).astype(bool)
         if scores.ndim != 1 or used.ndim != 1 or not np.isfinite(scores).all():
             raise ValueError("scores")
-        clicks = _clicks(views)
+        clicks, up = _clicks(views), _up(data.get("up"))
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise BadInput(f"Cannot read the masks in '{folder}' ({reason(error)}); {again}.") from error
     if names != [v.name for v in scene.views] or files != label_files(scene) or len(points) != len(scene.points):
@@ -113,7 +114,7 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
         if image is None or image.dtype != np.uint8 or image.shape != (view.height, view.width):
             raise BadInput(f"The mask '{folder / file}' is missing, damaged or of another size; {again}.")
         labels.append(image)
-    return MaskSet(tuple(labels), used, scores, points, clicks)
+    return MaskSet(tuple(labels), used, scores, points, clicks, up)
 
 
 def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
@@ -124,6 +125,16 @@ def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
     if not all(np.isfinite(c).all() for c in clicks):
         raise ValueError("clicks")
     return tuple(c.astype(np.float32) for c in clicks)
+
+
+def _up(stored: list[float] | None) -> NDArray[np.float64] | None:
+    """Read the direction up, unit [3]; None where the masks know none, as those of earlier versions."""
+    if stored is None:
+        return None
+    up = np.array(stored, np.float64)
+    if up.shape != (3,) or not abs(np.linalg.norm(up) - 1) < 1e-6:
+        raise ValueError("up")
+    return up
 
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:

@@ -109,7 +109,7 @@ def extract_mesh(
             mesh = flat.mesh
         if options.openings:
             with part("openings"):
-                mesh = cut_wall_openings(flat, scene, trusted, options, reporter.check)
+                mesh = cut_wall_openings(flat, scene, trusted, options, masks.up, reporter.check)
     if options.drop_unseen:
         with part("borders"):
             mesh = trim_mesh(mesh, field, trusted, options)
@@ -254,15 +254,17 @@ def cut_wall_openings(
     scene: Scene,
     trusted: TrustedViews,
     options: ExtractionOptions,
+    up: NDArray[np.float64] | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> Mesh:
     """Cut windows, doors and niches of flat walls, level or arched; their edges are taken from the photos.
 
     Args:
         flat: the mesh and its planes.
-        scene: photos, and cameras that tell the direction up.
+        scene: photos and cameras.
         trusted: photos whose masks are reliable.
         options: of walls, openings and cuts.
+        up: direction up, unit [3], normalised frame; None to find it by the scene.
         check: called between the steps; raises to stop.
     """
     mesh, pixel, planes = flat
@@ -270,8 +272,9 @@ def cut_wall_openings(
         return mesh
     photos = edge_photos(mesh, trusted.views, lambda i: scene.photo(trusted.indices[i]), options.patches)
     check()
-    up = find_up(scene, options=options.gravity).vector
-    check()
+    if up is None:
+        up = find_up(scene, options=options.gravity).vector
+        check()
     walls = find_wall_openings(mesh, pixel, planes, up, photos, options.wall_openings)
     check()
     result, count = cut_openings(mesh, walls, options.wall_openings.cut)

@@ -24,6 +24,7 @@ class MaskSet:
         scores: float32 [V]; agreement with the sparse points, 0..1.
         point_mask: bool [P]; true for the masked points P' (eq. 3).
         clicks: per view float32 [K, 2], working pixels where the building was clicked; () for masks of another origin.
+        up: direction up by which clicks became masks, unit [3], normalised frame; None for masks of another origin.
     """
 
     labels: tuple[NDArray[np.uint8], ...]
@@ -31,6 +32,7 @@ class MaskSet:
     scores: NDArray[np.float32]
     point_mask: NDArray[np.bool_]
     clicks: tuple[NDArray[np.float32], ...] = ()
+    up: NDArray[np.float64] | None = None
 
     @property
     def clicked(self) -> list[int]:

@@ -25,7 +25,7 @@ def masks() -> MaskSet:
     first[2:5, 3:9], second[0, 0] = 2, IGNORE
     clicks = (np.array([[1.5, 2.25]], np.float32), np.zeros((0, 2), np.float32))
     return MaskSet((first, second), np.array([True, False]), np.array([0.5, 0.25], np.float32),
-                   np.array([True, False, True]), clicks)  # fmt: skip
+                   np.array([True, False, True]), clicks, np.array([0.6, -0.8, 0.0]))  # fmt: skip
 
 
 def test_masks_come_back_as_they_were(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_masks_come_back_as_they_were(tmp_path: Path) -> None:
     read = read_masks(tmp_path, SCENE)
     for one, other in zip(given.labels, read.labels, strict=True):
         np.testing.assert_array_equal(one, other)
-    for name in ("used", "scores", "point_mask"):
+    for name in ("used", "scores", "point_mask", "up"):
         np.testing.assert_array_equal(getattr(given, name), getattr(read, name))
     assert [c.tolist() for c in read.clicks] == [[[1.5, 2.25]], []] and read.clicked == [0]
     scores = json.loads((tmp_path / "scores.json").read_text())
@@ -43,6 +43,23 @@ def test_masks_come_back_as_they_were(tmp_path: Path) -> None:
     assert scores["views"][0]["building"] == pytest.approx(18 / 200)
     parts = json.loads((tmp_path / "parts.json").read_text())["parts"]
     assert parts == [{"name": "door", "elements": [["a.jpg", 2]], "points": [1]}]
+
+
+def test_masks_of_earlier_versions_know_no_direction_up(tmp_path: Path) -> None:
+    save_masks(replace(masks(), up=None), SCENE, tmp_path, ["", ""])
+    data = json.loads((tmp_path / "scores.json").read_text())
+    assert data.pop("up") is None and read_masks(tmp_path, SCENE).up is None
+    (tmp_path / "scores.json").write_text(json.dumps(data))
+    assert read_masks(tmp_path, SCENE).up is None
+
+
+@pytest.mark.parametrize("up", ["[0, 1]", "[0, 0, 2]", "[0, 0, NaN]", '"z"', "{}"])
+def test_a_direction_up_that_is_none_is_refused(tmp_path: Path, up: str) -> None:
+    save_masks(masks(), SCENE, tmp_path, ["", ""])
+    data = json.loads((tmp_path / "scores.json").read_text())
+    (tmp_path / "scores.json").write_text(json.dumps({**data, "up": "here"}).replace('"here"', up))
+    with pytest.raises(BadInput, match="run the masks stage again"):
+        read_masks(tmp_path, SCENE)
 
 
 def test_masks_of_photos_that_are_gone_are_removed(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ STEPS = (
     (surface, "start_views"), (surface, "find_stereo_points"), (surface, "find_segments"), (surface, "find_lines"),
     (surface, "gather_evidence"), (surface, "cut_in_blocks"),
     (extract, "screen"), (extract, "raw_surface"), (extract, "clean_level_set"), (extract, "refine_mesh"),
-    (extract, "flatten_planes"), (extract, "extend_planes"), (extract, "edge_photos"), (extract, "find_up"),
+    (extract, "flatten_planes"), (extract, "extend_planes"), (extract, "edge_photos"),
     (extract, "find_wall_openings"), (extract, "trim_mesh"), (extract, "color_mesh"), (extract, "simplify_mesh"),
     (stage, "georeference_job"), (stage, "load_field"), (report, "turntable"), (report, "_evenness"),
     (report, "_show_texture"), (report, "write_report"),

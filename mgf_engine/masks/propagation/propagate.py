@@ -117,9 +117,9 @@ class _Propagator:
             self.config.algorithm(DensifyOptions),
         )
         self.reporter.progress(0.4)
-        up = find_up(self.scene, self.threads, self.config.algorithm(GravityOptions)).vector
+        self.up = find_up(self.scene, self.threads, self.config.algorithm(GravityOptions)).vector
         self.reporter.check()
-        self.point_features = measure_point_features(self.scene, up, self.config.algorithm(PointFeatureOptions))
+        self.point_features = measure_point_features(self.scene, self.up, self.config.algorithm(PointFeatureOptions))
         self.reporter.check()
         self.graph = LabelGraph(
             self.scene, self.regions, self.point_features, self.threads, self.full,
@@ -243,7 +243,7 @@ class _Propagator:
         if self.vote_options.voters != "all":
             clicked = [i for i in self.views if len(clicks[i])]
             point_mask = self._accepted(self.scene, choose_voters(self.scene, voters, clicked, self.vote_options))
-        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks)
+        masks = MaskSet(tuple(self.labels), used, self.scores, point_mask, clicks, self.up)
         return Propagation(
             masks,
             reasons,
