@@ -78,6 +78,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("prompt_outliers", "masks", "Cross-validation of clicks", "masks.propagation.prompt_cross_validation:PromptOutlierOptions"),
     Algorithm("prompt_evidence", "masks", "Evidence against a click on the building", "masks.propagation.prompt_evidence:PromptEvidenceOptions"),
     Algorithm("prompt_agreement", "masks", "Clicks in several photos that confirm each other", "masks.propagation.prompt_agreement:PromptAgreementOptions"),
+    Algorithm("transient_prompts", "masks", "Background clicks on what stands in one photo only", "masks.propagation.transient_prompts:TransientPromptOptions"),
     Algorithm("thin_structures", "masks", "Thin structures against the sky", "masks.refinement.thin_structures:ThinStructureOptions"),
     Algorithm("votes", "masks", "Vote of the masks on points and Gaussians", "masks.points:VoteOptions", also=("preview",)),
     Algorithm("propagation", "masks", "Drawing and checking of the masks", "masks.propagation.propagation_options:PropagationOptions", also=("preview",)),

@@ -118,8 +118,8 @@ ACTING = {
     "propagation": "root and child masks", "parts": "second level", "votes": "eq. 3 and 22",
     **dict.fromkeys(
         (
-            "prompt_outliers", "prompt_evidence", "prompt_agreement", "mask_flags", "low_texture", "building_size",
-            "mask_coverage", "mask_hull", "cross_view",
+            "prompt_outliers", "prompt_evidence", "prompt_agreement", "transient_prompts", "mask_flags", "low_texture",
+            "building_size", "mask_coverage", "mask_hull", "cross_view",
         ),
         "check",
     ),

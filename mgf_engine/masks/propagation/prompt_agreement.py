@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,14 @@ from mgf_engine.model.scene import Scene, View
 from mgf_engine.options.algorithms import parameter
 
 _Click = tuple[int, int]  # view, row among its clicks on the building
-_Range = tuple[float, float]
+
+
+class DepthRange(NamedTuple):
+    """Depths of the sparse points that a photo shows around a click, and their numbers."""
+
+    nearest: float
+    farthest: float
+    points: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,7 @@ def drop_confirmed(
     if not on_building:
         return outliers
     places = {
-        (i, row): _distance(scene, i, uv, options)
+        (i, row): depth_range(scene, i, uv, options)
         for i, clicks in prompts.items()
         for row, uv in enumerate(clicks.positive)
     }
@@ -80,14 +88,24 @@ def drop_confirmed(
     return kept
 
 
-def _distance(scene: Scene, index: int, uv: NDArray[np.float64], options: PromptAgreementOptions) -> _Range | None:
-    """Bound the depth of a click along its ray by the sparse points seen beside it; None where there are too few."""
+def depth_range(
+    scene: Scene, index: int, uv: NDArray[np.float64], options: PromptAgreementOptions = PromptAgreementOptions()
+) -> DepthRange | None:
+    """Bound the depth of a click by the sparse points that its photo shows around it; None where they are too few.
+
+    Args:
+        scene: tracks of the sparse points.
+        index: of the photo.
+        uv: the click, working pixels [2].
+        options: how far around it points count, and how many are enough.
+    """
     rows, view = scene.observations(index), scene.views[index]
     beside = np.linalg.norm(scene.track_uv[rows] - uv, axis=1) < options.near * view.width
     if beside.sum() < options.least_points:
         return None
-    depth = view.project(scene.points[scene.track_point[rows[beside]]])[1]
-    return float(depth.min()), float(depth.max())
+    points = scene.track_point[rows[beside]]
+    depth = view.project(scene.points[points])[1]
+    return DepthRange(float(depth.min()), float(depth.max()), points)
 
 
 def _same_thing(
@@ -95,7 +113,7 @@ def _same_thing(
     prompts: Prompts,
     first: _Click,
     second: _Click,
-    distances: dict[_Click, _Range | None] | None,
+    distances: dict[_Click, DepthRange | None] | None,
     options: PromptAgreementOptions,
 ) -> bool:
     """Tell whether the rays of two clicks meet and, with ``distances``, at the depth of the points beside both."""
@@ -107,7 +125,8 @@ def _same_thing(
     if distances is None:
         return bool(gap <= options.gap * meeting.min())
     for along, known in zip(meeting, (distances[first], distances[second]), strict=True):
-        if known is None or not known[0] - options.reach * along <= along <= known[1] + options.reach * along:
+        reach = options.reach * along
+        if known is None or not known.nearest - reach <= along <= known.farthest + reach:
             return False
     return bool(gap <= options.reach * meeting.min())
 

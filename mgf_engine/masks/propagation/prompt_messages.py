@@ -17,6 +17,7 @@ from mgf_engine.masks.propagation.prompt_outliers import (
     ignored_outliers,
     on_points,
 )
+from mgf_engine.masks.propagation.transient_prompts import TransientPromptOptions, is_transient
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.scene.cameras import to_original
@@ -38,11 +39,13 @@ class PromptMessages:
         graph: of the scene.
         prompts: all clicks, outliers included.
         labels: label map of each view, uint8 [H, W].
+        transient: what tells a click on people or cars from a mistake.
     """
 
     graph: LabelGraph
     prompts: Prompts
     labels: Sequence[NDArray[np.uint8]]
+    transient: TransientPromptOptions = TransientPromptOptions()
 
     def sentences(self, outliers: list[OutlierPrompt], doubted: list[OutlierPrompt], ignored: bool) -> list[str]:
         """Make a sentence for each photo with outliers, or one for all where none could be left out.
@@ -56,7 +59,8 @@ class PromptMessages:
         if out and not ignored:
             names = ", ".join(self._name(i) for i in sorted({d.view for d in outliers}))
             return [f"The clicks in {names} contradict each other; look at the contact sheet and click them again."]
-        used, missed = [d for d in outliers if d not in out], [d for d in doubted if self._misses(d)]
+        used = [d for d in outliers if d not in out and not is_transient(d, self.graph, self.prompts, self.transient)]
+        missed = [d for d in doubted if self._misses(d)]
         lost = [d for d in out if not d.positive or self._misses(d)]
         texts = (lost, self._ignored_text), (used, self._used_text), (missed, self._missed_text)
         return [

@@ -42,6 +42,7 @@ from mgf_engine.masks.propagation.random_walker import LabelPropagation
 from mgf_engine.masks.propagation.random_walker_options import RandomWalkerOptions
 from mgf_engine.masks.propagation.sky_regions import SkyOptions
 from mgf_engine.masks.propagation.superpixels import SuperpixelOptions, Superpixels, cut_regions
+from mgf_engine.masks.propagation.transient_prompts import TransientPromptOptions
 from mgf_engine.masks.segmenters.base import Hints, Segment, Segmenter, agreement
 from mgf_engine.masks.validation.cross_view_consistency import CrossViewOptions
 from mgf_engine.masks.validation.mask_flags import FlagOptions, flag_by_masks, flag_reason, measure_consistency
@@ -260,7 +261,8 @@ class _Propagator:
         return correction.run(extent, accepted[: len(self.scene.points)], voters)
 
     def _prompt_messages(self, outliers: list[OutlierPrompt]) -> list[str]:
-        messages = PromptMessages(self.graph, self.original, self.labels)
+        transient = self.config.algorithm(TransientPromptOptions)
+        messages = PromptMessages(self.graph, self.original, self.labels, transient)
         return messages.sentences(outliers, self.doubted, ignored=self.prompts is not self.original)
 
     def _test_without_points(self, reasons: list[str]) -> list[str]:
