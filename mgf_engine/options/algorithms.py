@@ -60,6 +60,7 @@ RENAMED_OPTIONS = {
     "solid_evidence.steepest": "solid_evidence.largest_tilt",
     "opening_walls.behind": "opening_cuts.reach",
     "opening_cuts.deepest": "opening_detection.deepest",
+    **{f"sky_silhouette.{n}": f"silhouette_hull.{n}" for n in ("photos", "photo_share", "most_cells", "feet")},
     **{
         f"wall_openings.{name}": f"opening_detection.{name}"
         for name in (

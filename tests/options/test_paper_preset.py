@@ -138,6 +138,7 @@ IDLE = {
         (
             "sky_holes", "ground_homography", "mirrored_ground", "mirrored_sky", "ignored_surface", "far_background",
             "thin_structures", "homogeneous_regions", "foreground_leaves", "sky_silhouette",
+            "silhouette_hull",
         ),
         "propagation.finish",
     ),

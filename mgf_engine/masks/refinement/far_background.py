@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.masks.geometry.elevation import elevation
 from mgf_engine.masks.image_ops import color_distance, erode, rgb_to_lab
-from mgf_engine.masks.refinement.sky_silhouette import elevation
 from mgf_engine.model.masks import BACKGROUND
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View

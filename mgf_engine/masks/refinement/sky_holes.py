@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from mgf_engine.masks.geometry.elevation import over_horizon
 from mgf_engine.masks.image_ops import color_distance, enlarge, erode_square, masked_mean
-from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions, find_silhouette, over_horizon
+from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions, find_silhouette
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import View
 from mgf_engine.options.algorithms import parameter

@@ -19,13 +19,8 @@ from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.image_ops import dilate_square, rgb_to_lab
 from mgf_engine.masks.prompts import Prompts
 from mgf_engine.masks.refinement.ground_homography import GroundFinder, near_ground
-from mgf_engine.masks.refinement.sky_silhouette import (
-    SilhouetteHull,
-    SilhouetteOptions,
-    SkySilhouette,
-    carve,
-    find_silhouette,
-)
+from mgf_engine.masks.refinement.silhouette_hull import SilhouetteHull, SilhouetteHullOptions, carve_silhouette_hull
+from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions, SkySilhouette, find_silhouette
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE, building
 from mgf_engine.model.pixels import pixel_at
 from mgf_engine.model.scene import Scene, View
@@ -43,6 +38,7 @@ class ThinStructureOptions:
     cell: float = parameter(3.0, "Side of a cell", "px", low=0.1)
     largest: int = parameter(60, "Maximum number of photos that decide on a cell", low=2)
     silhouette: SilhouetteOptions = SilhouetteOptions()
+    hull: SilhouetteHullOptions = SilhouetteHullOptions()
 
 
 @dataclass(frozen=True)
@@ -124,7 +120,7 @@ def find_thin_structures(
         return None
     hull = hull.where(np.isin(parts, list(wanted)))
     if known.ground is not None:
-        hull = hull.standing(known.ground, options.silhouette)
+        hull = hull.standing(known.ground, options.hull)
     return ThinStructures(hull, outlines, explained)
 
 
@@ -149,8 +145,8 @@ def _hull(
     pixel = float(np.median([np.linalg.norm(v.centre - centre) / v.fx for v in scene.views]))
     telling = np.argsort([-int(outline.solid.sum()) for outline in outlines], kind="stable")[: options.largest]
     views = [scene.views[i] for i in telling]
-    return carve(
-        views, [outlines[i] for i in telling], centre - size / 2, size, options.cell * pixel, options.silhouette
+    return carve_silhouette_hull(
+        views, [outlines[i] for i in telling], centre - size / 2, size, options.cell * pixel, options.hull
     )
 
 

@@ -11,17 +11,18 @@ import numpy as np
 from mast import HEIGHT, LAND, SKY, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
+from mgf_engine.masks.geometry.elevation import over_horizon
 from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.masks.propagation.correct_masks import MaskCorrection
 from mgf_engine.masks.refinement.sky_holes import SkyHoleOptions, find_sky_holes
-from mgf_engine.masks.refinement.sky_silhouette import over_horizon
+from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.config import Config
 
 VIEW = look(0.9, 0.3)
 NO_POINTS = np.zeros((0, 2))
-OVER = over_horizon(VIEW, UP)
+OVER = over_horizon(VIEW, UP, SilhouetteOptions.horizon)
 
 
 def around(mast: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -10,17 +10,13 @@ import pytest
 from mast import HEIGHT, LEGS, TOP, UP, WIDTH, look, make_scene, photograph
 from numpy.typing import NDArray
 
+from mgf_engine.masks.geometry.elevation import over_horizon
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.image_ops import rgb_to_lab
 from mgf_engine.masks.prompts import Clicks, Prompts
 from mgf_engine.masks.refinement.ground_homography import GroundPixels
-from mgf_engine.masks.refinement.sky_silhouette import (
-    SilhouetteHull,
-    SkySilhouette,
-    carve,
-    find_silhouette,
-    over_horizon,
-)
+from mgf_engine.masks.refinement.silhouette_hull import SilhouetteHull, carve_silhouette_hull
+from mgf_engine.masks.refinement.sky_silhouette import SilhouetteOptions, SkySilhouette, find_silhouette
 from mgf_engine.masks.refinement.thin_structures import SceneContext, ThinStructures, find_thin_structures
 from mgf_engine.model.masks import BACKGROUND, BUILDING, IGNORE
 from mgf_engine.model.scene import Scene, View
@@ -35,7 +31,7 @@ GROUND = GroundPlane(UP, 0.0, 0.02)
 def sky_of(view: View) -> NDArray[np.bool_]:
     """Large regions of sky: nothing between bars and near them."""
     _, hut, mast = photograph(view)
-    result = over_horizon(view, UP) & ~hut
+    result = over_horizon(view, UP, SilhouetteOptions.horizon) & ~hut
     ys, xs = np.nonzero(mast)
     result[max(0, ys.min() - 3) : ys.max() + 3, max(0, xs.min() - 3) : xs.max() + 3] = False
     return result
@@ -75,7 +71,7 @@ def test_bars_before_the_sky_are_told_from_it_to_the_pixel() -> None:
     view = VIEWS[1]
     photo, hut, mast = photograph(view)
     found = find_silhouette(rgb_to_lab(photo), sky_of(view), view, UP)
-    over = over_horizon(view, UP)
+    over = over_horizon(view, UP, SilhouetteOptions.horizon)
     assert (found.solid[over] == (hut | mast)[over]).all()
     assert (found.empty[over] == ~(hut | mast)[over]).all()
     assert not found.solid[~over].any() and not found.empty[~over].any()
@@ -93,7 +89,7 @@ def test_a_mast_clicked_in_two_photos_is_drawn_in_all(scene: Scene) -> None:
     draw(found, scene, labels)
     for view, shown in zip(VIEWS, labels, strict=False):
         _, hut, mast = photograph(view)
-        over, drawn = over_horizon(view, UP), shown == BUILDING
+        over, drawn = over_horizon(view, UP, SilhouetteOptions.horizon), shown == BUILDING
         there = mast & over & ~hut
         assert (drawn & there).sum() > 0.9 * there.sum()
         assert not (drawn & over & ~mast & ~hut).any()
@@ -111,7 +107,7 @@ def test_what_is_below_the_horizon_stands_on_the_ground(scene: Scene) -> None:
     draw(found, scene, labels)
     for view, shown in zip(VIEWS, labels, strict=False):
         _, hut, mast = photograph(view)
-        legs = mast & ~hut & ~over_horizon(view, UP)
+        legs = mast & ~hut & ~over_horizon(view, UP, SilhouetteOptions.horizon)
         assert (shown[legs] != BACKGROUND).sum() >= 0.95 * legs.sum()
         assert (shown != photograph(view)[1]).mean() < 0.25
 
@@ -200,5 +196,5 @@ def test_two_photos_that_see_sky_empty_a_cell(sky: int, kept: bool) -> None:
     outlines = [SkySilhouette(full, ~full)] * sky + [SkySilhouette(~full, full)] * (8 - sky)
     for outline in outlines[:sky]:
         outline.solid[0, 0] = True  # photos without anything solid have no say
-    hull = carve([view] * 8, outlines, centre - 0.05, 0.1, 0.2)
+    hull = carve_silhouette_hull([view] * 8, outlines, centre - 0.05, 0.1, 0.2)
     assert bool(len(hull.places)) is kept
