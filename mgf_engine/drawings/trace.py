@@ -36,13 +36,12 @@ def trace(label: NDArray[np.int32]) -> list[Chain]:
     if not len(first):
         return []
     ends = np.concatenate([first, second])
-    order = np.argsort(ends, kind="stable")
-    nodes, start, degree = np.unique(ends[order], return_index=True, return_counts=True)
-    place = np.searchsorted(nodes, ends)
-    around, count = order % len(first), len(first)
+    nodes, place, degree = np.unique(ends, return_inverse=True, return_counts=True)
+    start, count = np.cumsum(degree) - degree, len(first)
+    around = np.argsort(place, kind="stable") % count
     pair = low.astype(np.int64) << 32 | high
-    alike = np.array([len(set(pair[around[s : s + d]].tolist())) == 1 for s, d in zip(start, degree, strict=True)])
-    plain = (degree == 2) & alike
+    first_pair, last_pair = (pair[around[start + k]] for k in (0, degree - 1))
+    plain = (degree == 2) & (first_pair == last_pair)  # a corner that one border passes
     used = np.zeros(count, bool)
     at = [place[:count].tolist(), place[count:].tolist()]
     edges, begin, passed = around.tolist(), start.tolist(), plain.tolist()
