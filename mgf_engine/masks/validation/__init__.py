@@ -1,2 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Check given masks: coverage of the building, consistency between photos, areas of low texture."""
+"""Check masks: which are left out (``mask_flags``), and what to warn of.
+
+``cross_view_consistency`` and ``mask_coverage`` check masks that the user gave; ``building_size`` and ``low_texture``
+look at how well the photos show the building.
+"""

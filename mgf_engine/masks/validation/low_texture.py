@@ -30,25 +30,17 @@ class LowTextureOptions:
 def low_texture_share(scene: Scene, masks: MaskSet, options: LowTextureOptions = LowTextureOptions()) -> float:
     """Measure the plain share of the building, 0..1: median over the photos; 0 where no mask is large enough."""
     used = np.flatnonzero(masks.used)
+    window = (options.window, options.window)
     shares = []
     for index in used[:: max(1, -(-len(used) // options.photos))].tolist():
+        inner = cv2.erode(building(masks.labels[index]).astype(np.uint8), np.ones(window, np.uint8)) > 0
+        if inner.sum() < options.window**2:
+            continue
         grey = scene.photo(index)[..., 1].astype(np.float32)
-        mean = cv2.blur(grey, (options.window, options.window))
-        spread = np.sqrt(np.maximum(cv2.blur(grey * grey, (options.window, options.window)) - mean * mean, 0.0))
-        inner = (
-            cv2.erode(
-                building(masks.labels[index]).astype(np.uint8), np.ones((options.window, options.window), np.uint8)
-            )
-            > 0
-        )
-        if inner.sum() >= options.window**2:
-            shares.append(
-                float(
-                    ((spread < options.deviation) & ~_near_observations(scene, index, grey.shape, options))[
-                        inner
-                    ].mean()
-                )
-            )
+        mean = cv2.blur(grey, window)
+        spread = np.sqrt(np.maximum(cv2.blur(grey * grey, window) - mean * mean, 0.0))
+        plain = (spread < options.deviation) & ~_near_observations(scene, index, grey.shape, options)
+        shares.append(float(plain[inner].mean()))
     return float(np.median(shares)) if shares else 0.0
 
 
