@@ -10,7 +10,7 @@ import numpy as np
 
 from mgf_engine.drawings.elevation import ElevationOptions, draw_elevation, with_parts
 from mgf_engine.drawings.facades import FacadeOptions, facade_through, find_facades, plan_frame
-from mgf_engine.drawings.ground import find_ground_level
+from mgf_engine.drawings.ground import GroundLevelOptions, find_ground_level
 from mgf_engine.drawings.kinds import KINDS
 from mgf_engine.drawings.load import UpOptions, read_survey, warn_of_unknown_scale
 from mgf_engine.drawings.model import DrawingFrame, Facade, Survey
@@ -77,7 +77,7 @@ def make_drawings(job: Path, out: Path | None, wanted: DrawingOptions, reporter:
             config = with_algorithms_of_job(job, wanted.algorithms, reporter.warning)
             survey = read_survey(job, options=config.algorithm(UpOptions))
             facades = _facades(survey, wanted, config.algorithm(FacadeOptions))
-            ground = find_ground_level(survey, facades)
+            ground = find_ground_level(survey, facades, config.algorithm(GroundLevelOptions))
         warn_of_unknown_scale(survey, reporter)
         work = Work(
             survey=survey, facades=facades, wanted=wanted, ground=ground, title=job.resolve().name,

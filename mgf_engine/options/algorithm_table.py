@@ -161,6 +161,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("region_merging", "drawings", "Regions of drawings whose border is none on the building", "drawings.merge_regions:RegionMergingOptions"),
     Algorithm("plane_lines", "drawings", "Lines of drawings that planes of the mesh give", "drawings.plane_lines:PlaneLineOptions"),
     Algorithm("outline_overhangs", "drawings", "Undersides of overhangs in outlines", "drawings.overhangs:OutlineOverhangOptions"),
+    Algorithm("ground_level", "drawings", "Height of the ground around a building", "drawings.ground:GroundLevelOptions", also=("models",)),
     Algorithm("foot", "drawings", "Foot of buildings in elevations", "drawings.foot:FootOptions"),
     Algorithm("straightening", "drawings", "Straight lines of drawings", "drawings.straighten:StraightenOptions"),
     Algorithm("rectangles", "drawings", "Rectangles of openings in drawings", "drawings.rectangles:RectangleOptions"),

@@ -94,7 +94,7 @@ def gather_solid_evidence(
     reach = max(options.overhang * detail, options.overhang_share * (top - bottom))
     lines = walls + roof_lines(label, slopes, regions, walls, detail, reach, options)
     lines += outline_lines(inside, grid, walls, detail, reach, options)
-    found = find_ground_level_around(survey, inside, grid)
+    found = find_ground_level_around(survey, inside, grid, options.ground)
     ground, ground_from = found.height, found.source
     return SolidEvidence(
         grid, height, inside, label, slopes, lines[:options.most_lines], roof_seen, ground, ground_from, top, block,

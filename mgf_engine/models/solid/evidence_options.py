@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mgf_engine.drawings.ground import GroundLevelOptions
 from mgf_engine.drawings.regions import RegionOptions
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.options.algorithms import parameter
@@ -43,3 +44,4 @@ class EvidenceOptions:
     most_directions: int = parameter(12, "Maximum number of directions of walls", low=1)
     regions: RegionOptions = RegionOptions()
     planes: PlanarOptions = PlanarOptions()
+    ground: GroundLevelOptions = GroundLevelOptions()
