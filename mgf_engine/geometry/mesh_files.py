@@ -78,7 +78,8 @@ def read_ply(path: Path, values: Sequence[str] = ()) -> Mesh:
     import trimesh
 
     try:
-        loaded: Any = trimesh.load(path, file_type="ply", process=False, force="mesh")
+        with path.open("rb") as file:
+            loaded: Any = trimesh.load(file, file_type="ply", process=False, force="mesh")
         vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int32)
     except Exception as error:  # the reader raises whatever its parsing meets
         raise BadInput(

@@ -136,6 +136,11 @@ def test_damaged_files_are_refused(tmp_path, content):
         read_ply(path)
 
 
+def test_of_a_missing_file_is_said_that_it_is_missing(tmp_path):
+    with pytest.raises(BadInput, match="No such file"):
+        read_ply(tmp_path / "mesh.ply")
+
+
 def test_truncated_files_are_refused(tmp_path):
     write_ply(colored(), tmp_path / "mesh.ply")
     data = (tmp_path / "mesh.ply").read_bytes()
