@@ -129,16 +129,18 @@ def choose_segmenter(config: Config, folder: Path, warn: Callable[[str], None] =
     Raises:
         BadInput: EfficientSAM is asked for and its weights are missing or damaged.
     """
+    drawing = config.algorithm(MaskDrawingOptions)
     if config.segmenter == "random_walker":
-        return RandomWalker(config.algorithm(MaskDrawingOptions))
+        return RandomWalker(drawing)
     where = Path(config.weights) if config.weights else default_folder()
     weights = find_weights(where)
     if weights is None:
         if config.segmenter == "efficientsam":
             raise BadInput(missing_text(where))
-        return RandomWalker(config.algorithm(MaskDrawingOptions))
+        return RandomWalker(drawing)
     threads = config.threads or cores()
-    return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, config.device != "cpu", warn)
+    gpu = config.device != "cpu"
+    return EfficientSam(weights[1], weights[2], folder / "embeddings", threads, gpu, warn, drawing)
 
 
 def _all_building(scene: Scene) -> Propagation:

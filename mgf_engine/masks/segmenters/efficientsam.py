@@ -22,7 +22,7 @@ from mgf_engine.files.atomic import atomic_path
 from mgf_engine.files.safe_npz import read_array
 from mgf_engine.masks.segmenters.base import Hints, Points, Segment, agreement
 from mgf_engine.masks.segmenters.network import Network
-from mgf_engine.masks.segmenters.random_walker import clean
+from mgf_engine.masks.segmenters.random_walker import MaskDrawingOptions, clean
 
 #: The graph resizes to 1024 x 1024 itself; larger photos only cost memory.
 LONGEST_SIDE = 1024
@@ -46,6 +46,7 @@ class EfficientSam:
         threads: of ONNX Runtime.
         gpu: use a GPU provider where ONNX Runtime offers one.
         warn: called with one sentence when such a provider fails and the CPU goes on.
+        options: which specks and holes are removed from its masks.
 
     Raises:
         BadInput: a file is no ONNX model or not EfficientSAM.
@@ -55,12 +56,12 @@ class EfficientSam:
 
     def __init__(
         self, encoder: Path, decoder: Path, cache: Path, threads: int = 0, gpu: bool = True,
-        warn: Callable[[str], None] = log.warning,
+        warn: Callable[[str], None] = log.warning, options: MaskDrawingOptions = MaskDrawingOptions(),
     ) -> None:  # fmt: skip
         self._encoder = Network(encoder, threads, gpu, {ENCODER_INPUT}, {ENCODER_OUTPUT}, warn)
         self._decoder = Network(decoder, threads, gpu, set(DECODER_INPUTS), set(DECODER_OUTPUTS), warn)
         self._model = f"{encoder.name}:{encoder.stat().st_size}"
-        self._cache = cache
+        self._cache, self._options = cache, options
         self._encoding = threading.Lock()  # one image at a time bounds the memory
 
     def segment(self, photo: NDArray[np.uint8], hints: Hints, attempt: int = 0) -> Segment:
@@ -71,17 +72,21 @@ class EfficientSam:
             hints: clicks and points on the building and beside it.
             attempt: 0 for the first; a further one starts from other points.
         """
-        embedding = self.embed(photo)
         size = (photo.shape[0], photo.shape[1])
-        best = Segment(np.zeros(size, bool), -1.0)
-        for points, labels in point_prompts(hints, attempt):
+        best = Segment(np.zeros(size, bool), 0.0)
+        prompts = list(point_prompts(hints, attempt))
+        if not prompts:
+            return best  # the encoder takes seconds
+        embedding = self.embed(photo)
+        best_score = -1.0
+        for points, labels in prompts:
             masks, _ = self.predict(embedding, size, points, labels)
             for logits in masks:
-                mask = clean(_enlarge(logits, size) > 0, hints)
+                mask = clean(_enlarge(logits, size) > 0, hints, self._options)
                 score = agreement(mask, hints)
-                if score > best.score:
-                    best = Segment(mask, score)
-        return Segment(best.mask, max(0.0, best.score))
+                if score > best_score:
+                    best, best_score = Segment(mask, score), score
+        return best
 
     def embed(self, photo: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Return the embedding [1, 256, 64, 64] of a photo RGB uint8 [H, W, 3], from the cache where it is.

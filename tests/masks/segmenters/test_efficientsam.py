@@ -18,7 +18,7 @@ from mgf_engine.masks.build import build_masks, choose_segmenter
 from mgf_engine.masks.elements import sam_elements
 from mgf_engine.masks.segmenters.efficientsam import EfficientSam, point_prompts, sample_spread_points
 from mgf_engine.masks.segmenters.messages import describe_used_segmenter
-from mgf_engine.masks.segmenters.random_walker import RandomWalker
+from mgf_engine.masks.segmenters.random_walker import MaskDrawingOptions, RandomWalker
 from mgf_engine.messages import Reporter
 from mgf_engine.model.masks import building
 from mgf_engine.model.scene import Scene
@@ -80,6 +80,21 @@ def test_large_photos_ask_for_small_masks(sam: EfficientSam):
     found = sam.segment(photo, hints(photo.shape[:2], positive=np.array([[1500.0, 700]])))
     # One cell of the 64 x 64 grid is 47 px wide here: that is all the small pair can resolve.
     assert found.mask.shape == (1500, 3000) and iou(found.mask, (photo == RED).all(-1)) > 0.92
+
+
+def test_without_a_point_on_the_building_nothing_is_asked(sam: EfficientSam, photo: np.ndarray):
+    sam._encoder = None  # would fail if it were needed
+    found = sam.segment(photo, hints((160, 240), rejected=np.array([[120.0, 80]])))
+    assert not found.mask.any() and found.score == 0.0
+
+
+def test_options_of_specks_and_holes_are_those_of_the_job(pair: tuple[Path, Path], photo: np.ndarray, tmp_path: Path):
+    photo[70:90, 100:120] = GREEN
+    for hole in (0.0, 0.1):
+        options = MaskDrawingOptions(hole=hole)
+        sam = EfficientSam(*pair, tmp_path / "cache", threads=1, gpu=False, options=options)
+        found = sam.segment(photo, hints((160, 240), positive=np.array([[80.0, 60]])))
+        assert found.mask[60, 80] and bool(found.mask[80, 110]) == (hole > 0)
 
 
 def test_queries_never_have_more_than_six_points():
