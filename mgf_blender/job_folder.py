@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import re
 from pathlib import Path
@@ -13,8 +12,10 @@ import bpy
 
 from .common import options
 from .common.errors import UserError
+from .common.json_cache import JsonCache
 from .scene_keys import scene_key
 
+_job_files = JsonCache[dict[str, object]](lambda path, data: dict(data))  # panels that are drawn ask
 _UNNAMED = re.compile(r"mgf_job(_\d+)?")  # default folders, which lie in one that people gave a name
 #: Scene key -> source and the folder chosen for it: an undo takes the property away, the job goes on.
 _chosen: dict[str, tuple[str, str]] = {}
@@ -72,10 +73,8 @@ def broke_off(folder: Path) -> bool:
 
 def _job_record(folder: Path, name: str) -> dict[str, object]:
     """Return what the engine noted under a name in the job file; empty where it cannot be read."""
-    try:
-        return dict(json.loads((folder / "job.json").read_text(encoding="utf-8"))[name])
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
+    record = (_job_files.get(folder / "job.json") or {}).get(name)
+    return dict(record) if isinstance(record, dict) else {}
 
 
 def _choose(scene: bpy.types.Scene) -> str:

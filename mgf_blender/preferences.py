@@ -151,7 +151,7 @@ class MGF_Preferences(bpy.types.AddonPreferences):
         elif task.status in {FAILED, CANCELLED}:
             draw_sentence(layout, task.text, "ERROR" if task.status == FAILED else "INFO")
         elif task.status == DONE and kind in {"gpu", "weights"}:
-            draw_sentence(layout, task.output[-1], "CHECKMARK")
+            draw_sentence(layout, "".join(task.output[-1:]), "CHECKMARK")
         elif task.status == DONE and kind in {"check", "install"}:
             box = layout.box().column(align=True)
             *rows, (summary, _) = _report_lines(task.output) or [("", "")]

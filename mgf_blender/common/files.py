@@ -14,6 +14,8 @@ from pathlib import Path
 from .errors import UserError, reason
 from .text import tr
 
+_PATIENCE = 1.0  # seconds in which a system says that it cannot open a file
+
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` fill a temporary file beside ``path`` and put it in its place.
@@ -33,7 +35,8 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def open_file(path: Path) -> None:
-    """Open a file or folder in the program that the system has for it.
+    """Open a file or folder in the program that the system has for it, without waiting for the program's end: some
+    desktops start a browser that way.
 
     Raises:
         UserError: there is none, or it did not start.
@@ -43,8 +46,11 @@ def open_file(path: Path) -> None:
             os.startfile(path)
         else:
             program = "open" if sys.platform == "darwin" else "xdg-open"
-            subprocess.run([program, str(path)], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    except (OSError, subprocess.CalledProcessError) as error:
+            opening = subprocess.Popen([program, str(path)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            with contextlib.suppress(subprocess.TimeoutExpired):  # it opens, or has yet to say that it cannot
+                if opening.wait(_PATIENCE):
+                    raise OSError(opening.returncode, "nothing opens it")
+    except OSError as error:
         raise UserError("No program of the system opens '{path}'; open it yourself.", path=path) from error
 
 

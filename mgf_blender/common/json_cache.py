@@ -20,17 +20,18 @@ class JsonCache(Generic[T]):
 
     def __init__(self, parse: Callable[[Path, Any], T]) -> None:
         self._parse = parse
-        self._known: dict[str, tuple[int, T | None]] = {}  # path -> the file's time, what it says
+        self._known: dict[str, tuple[tuple[int, int], T | None]] = {}  # path -> time and size of the file, what it says
 
     def get(self, path: Path) -> T | None:
         """Return what a file says; None where it is missing or not what it should be."""
         try:
-            changed = path.stat().st_mtime_ns
-            if self._known.get(str(path), (0, None))[0] != changed:
-                self._known[str(path)] = changed, self._read(path)
+            now, known = path.stat(), self._known.get(str(path))
+            stamp = now.st_mtime_ns, now.st_size
+            if known is None or known[0] != stamp:
+                known = self._known[str(path)] = stamp, self._read(path)
         except OSError:
             return None  # it may be readable at the next redraw
-        return self._known[str(path)][1]
+        return known[1]
 
     def clear(self) -> None:
         """Forget all files."""

@@ -53,6 +53,11 @@ def submit(job: Job) -> None:
         bpy.app.timers.register(_tick, first_interval=0.0, persistent=True)
 
 
+def forget(scene_key: str) -> None:
+    """Forget how the jobs of a scene ended; those that wait or run stay."""
+    _jobs[:] = [job for job in _jobs if job.live or job.scene_key != scene_key]
+
+
 def pump() -> bool:
     """Drain the running job and start the next; returns whether anything is live. Tests and batch runs call it."""
     global _longest_tick

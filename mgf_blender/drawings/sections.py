@@ -12,9 +12,9 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..scene_import.imported_scene import FIELD_KEY, KIND_KEY, ROLE_KEY, ImportedScene, is_own, objects_below
+from ..scene_import.imported_scene import FIELD_KEY, KIND_KEY, ROLE_KEY, SECTION, ImportedScene, is_own, objects_below
 
-OURS, THEIRS = "section", "section of the user"
+THEIRS = "section of the user"
 _NAME = "Section"
 #: World axes (columns) of a new plane, whose last one is its normal.
 AXES = {
@@ -26,7 +26,7 @@ AXES = {
 
 def find_sections(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Find the scene's section planes, by name; those of other files are not ours."""
-    found = [o for o in objects_below(scene.collection) if o.get(ROLE_KEY) in (OURS, THEIRS) and is_own(o)]
+    found = [o for o in objects_below(scene.collection) if o.get(ROLE_KEY) in (SECTION, THEIRS) and is_own(o)]
     return sorted(found, key=lambda o: o.name)
 
 
@@ -43,7 +43,7 @@ def add_section(imported: ImportedScene, axis: str) -> bpy.types.Object:
     mesh = bpy.data.meshes.new(_NAME)
     mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
     obj = bpy.data.objects.new(_NAME, mesh)
-    obj[ROLE_KEY] = OURS
+    obj[ROLE_KEY] = SECTION
     obj.display_type, obj.hide_render, obj.show_axis = "WIRE", True, True
     imported.collection.objects.link(obj)
     obj.parent = imported.root

@@ -95,7 +95,15 @@ def log_path() -> Path:
     return user_folder() / "engine-log.txt"
 
 
+def _drain(task: Task) -> bool:
+    try:
+        return task.drain()
+    except Exception as error:  # Blender drops a timer whose function raises, and nothing else could be begun
+        task.fail(error)
+        return False
+
+
 def _tick() -> float | None:
-    alive = _current is not None and _current.task.drain()
+    alive = _current is not None and _drain(_current.task)
     redraw()
     return _TICK if alive or swap.discarding() else None

@@ -45,6 +45,7 @@ def move_aside(target: Path) -> None:
     """
     wait_for_removal()
     recover(target)
+    shutil.rmtree(_old(target), ignore_errors=True)  # what an earlier removal left
     if target.exists():
         try:
             target.rename(_old(target))
@@ -53,12 +54,18 @@ def move_aside(target: Path) -> None:
 
 
 def recover(target: Path) -> None:
-    """Put the engine from before back, after Blender ended in the middle of :func:`replace_engine`."""
+    """Put the engine from before back, after Blender ended in the middle of :func:`replace_engine`; panels that are
+    drawn ask for it, so it removes nothing.
+
+    Raises:
+        UserError: a program uses it.
+    """
     old = _old(target)
     if old.exists() and not target.exists():
-        old.rename(target)
-    elif old.exists():
-        shutil.rmtree(old, ignore_errors=True)
+        try:
+            old.rename(target)
+        except OSError as error:
+            raise _in_use(target, error) from error
 
 
 def discard(*folders: Path) -> None:

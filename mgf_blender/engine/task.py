@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..common.errors import UserError
+from ..common.errors import UserError, sentence
 from ..common.job import CANCELLED, DONE, FAILED, RUNNING
 from ..common.process import Process
 
@@ -92,6 +92,12 @@ class Task:
         self._cancelled = True
         if self._process is not None:
             self._process.kill()
+
+    def fail(self, error: Exception) -> None:
+        """End the task after a fault of the add-on that it cannot go on from."""
+        if self._process is not None:
+            self._process.kill()
+        self.status, self.text = FAILED, sentence(error)
 
     def run(self) -> str:
         """Drain to the end, for batch runs; returns the status."""

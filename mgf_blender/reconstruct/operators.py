@@ -12,13 +12,14 @@ from ..common.files import open_file
 from ..common.job import DONE
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
+from ..engine.environment import engine_python
 from ..job_folder import broke_off, given_options, has_job_file, job_folder
 from ..jobs.operators import JobOperator, submit
 from ..scene_import.cameras import find_source
 from ..scene_import.crop import crop_text
 from ..scene_import.framing import frame_imported
 from ..scene_import.locate import holds_model, holds_photos
-from ..scene_import.operators import bring_in
+from ..scene_import.operators import bring_in, leave_job
 from ..scene_keys import key_of
 from . import preview_image
 from .start import make_job
@@ -117,12 +118,17 @@ class MGF_OT_import_photos(FileOperator):
         if not holds_photos(folder):
             raise UserError("'{folder}' holds no photos; choose the folder they lie in.", folder=folder)
         state = context.scene.mgf
-        if state.source != str(folder):
-            state.source, state.job_folder = str(folder), ""
         if holds_model(folder):  # the engine would find no cameras but take those that are there
+            done = bring_in(context.scene, folder, True, True, self)
+            if done.other:
+                leave_job(context.scene)
             self.report({"INFO"}, tr("The folder holds a COLMAP model; its cameras were imported"))
-            frame_imported(context, bring_in(context.scene, folder, True, True, self).imported)
+            frame_imported(context, done.imported)
             return {"FINISHED"}
+        engine_python()  # before anything changes
+        if state.source != str(folder):
+            state.source, state.photo_folder = str(folder), ""
+            leave_job(context.scene)
         return submit(self, make_job(context.scene, "scene"))
 
 

@@ -10,10 +10,9 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .imported_scene import ROLE_KEY, ImportedScene, objects_below
+from .imported_scene import CROP, ROLE_KEY, ImportedScene, objects_below
 from .points import sparse_points
 
-ROLE = "crop"
 _NAME = "Crop Box"
 #: Shares of the points that the first box leaves out at each end of each axis, and how much it is made larger.
 _OUTLIERS, _MARGIN = 2.0, 1.1
@@ -23,7 +22,7 @@ def find_crop_box(imported: ImportedScene | None) -> bpy.types.Object | None:
     """Find the crop box of an imported scene."""
     if imported is None:
         return None
-    return next((o for o in objects_below(imported.collection) if o.get(ROLE_KEY) == ROLE), None)
+    return next((o for o in objects_below(imported.collection) if o.get(ROLE_KEY) == CROP), None)
 
 
 def add_crop_box(imported: ImportedScene) -> bpy.types.Object:
@@ -31,7 +30,7 @@ def add_crop_box(imported: ImportedScene) -> bpy.types.Object:
     from_world, box = imported.from_world(), find_crop_box(imported)
     if box is None:
         box = bpy.data.objects.new(_NAME, None)
-        box[ROLE_KEY] = ROLE
+        box[ROLE_KEY] = CROP
         box.empty_display_type = "CUBE"
         box.empty_display_size = 1.0
         imported.collection.objects.link(box)

@@ -21,6 +21,7 @@ from .frame import SceneFrame
 KINDS = ("Cameras", "Points", "Mesh", "Renders")
 KIND_KEY, OFFSET_KEY, RADIUS_KEY, ROLE_KEY = "mgf_kind", "mgf_offset", "mgf_radius", "mgf_role"
 TOP = "tree"  # role of the top collection, as files of all versions have it
+CROP, SECTION = "crop", "section"  # roles of what the add-on puts there for users to move
 FIELD_KEY = "mgf_field"  # on the Gaussian field, which lies beside the sparse points
 
 
@@ -158,6 +159,14 @@ class ImportedScene:
         for obj in self.objects(kind):
             data = obj.data
             bpy.data.objects.remove(obj, do_unlink=True)
+            _remove_unused(data)
+
+    def clear_all(self) -> None:
+        """Remove all that the add-on made but the empty: it is of photos that give way to others."""
+        ours = [o for o in objects_below(self.collection) if KIND_KEY in o or o.get(ROLE_KEY) in (CROP, SECTION)]
+        datas = {o.data for o in ours if o.data is not None}
+        bpy.data.batch_remove(ours)
+        for data in datas:
             _remove_unused(data)
 
 

@@ -31,12 +31,14 @@ class SceneImport:
         model: as it was read.
         photo_folder: where the photos lie, or None.
         warnings: sentences worth showing.
+        other: whether it took the place of a scene of other photos.
     """
 
     imported: ImportedScene
     model: Model
     photo_folder: Path | None
     warnings: tuple[str, ...]
+    other: bool = False
 
     def counts(self) -> dict[str, int]:
         """Return how many cameras and points came."""
@@ -56,10 +58,10 @@ def import_scene(
     Args:
         scene: to import into.
         path: a model file, a model folder or the project folder around it.
-        photo_folder: where the photos lie; searched when None.
+        photo_folder: where the photos lie; searched when None, or where none of them is there.
         upright: turn the scene so that the photos' up is z; False keeps the model's axes.
         imported: an earlier import to replace; its empty (and so its pose and scale) is kept, unless none of its
-            photos is in this scene: then it was another one.
+            photos is in this scene: then it was another one, and its mesh and all else go with it.
         named: the folder that gives the collection its name; None takes ``path``.
 
     Raises:
@@ -68,11 +70,13 @@ def import_scene(
     path = path.absolute()
     model = read_model(find_model(path))
     names = [p.name for p in model.photos]
-    photo_folder = photo_folder or find_photo_folder(path, model.folder, names)
+    if photo_folder is None or all(find_photo(photo_folder, name) is None for name in names):
+        photo_folder = find_photo_folder(path, model.folder, names) or photo_folder
     specs = [_spec(p, photo_folder) for p in model.photos]
     name = _scene_name(named or (path if path.is_dir() else model.folder))
     before = set() if imported is None else {o.get(PHOTO_KEY, "") for o in imported.objects("Cameras")}
-    if imported is None or (before and not before & set(names)):
+    other = bool(before) and not before & set(names)
+    if imported is None or other:
         rotations = np.array([turn_as_held(s.rotation, s.held) for s in specs])
         centres = np.array([p.centre for p in model.photos])
         frame = make_frame(model.points.xyz, rotations, centres, upright)
@@ -80,6 +84,7 @@ def import_scene(
             remove_startup_cube(scene)
             imported = ImportedScene.make(scene, name, frame)
         else:
+            imported.clear_all()
             imported.place(name, frame)
     for kind in ("Cameras", "Points"):
         imported.clear(kind)
@@ -87,7 +92,7 @@ def import_scene(
     add_points(imported, model.points)
     scene.camera = cameras[0]
     fit_render(scene, cameras[0])
-    return SceneImport(imported, model, photo_folder, tuple(_warnings(specs)))
+    return SceneImport(imported, model, photo_folder, tuple(_warnings(specs)), other)
 
 
 def _spec(photo: Photo, folder: Path | None) -> CameraSpec:

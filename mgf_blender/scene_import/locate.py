@@ -26,7 +26,7 @@ def find_model(path: Path) -> Path:
     Of several models the one in the most usual place is taken, there the one with most photos, and of equals the first.
 
     Raises:
-        UserError: nothing there looks like a COLMAP model.
+        UserError: nothing there looks like a COLMAP model, or a folder of models cannot be read.
     """
     folder = path.parent if path.is_file() else path
     if not folder.is_dir():
@@ -42,16 +42,27 @@ def find_model(path: Path) -> Path:
 
 
 def holds_model(folder: Path) -> bool:
-    """Tell whether a COLMAP model lies in a folder, or where :func:`find_model` looks below it."""
+    """Tell whether a COLMAP model lies in a folder, or where :func:`find_model` looks below it.
+
+    Raises:
+        UserError: a folder of models cannot be read.
+    """
     return next(_models(folder), None) is not None
 
 
 def holds_photos(folder: Path) -> bool:
-    """Tell whether photos lie below a folder, of whatever kind; like the engine, this looks into no hidden folder."""
-    for _, subfolders, names in os.walk(folder):
+    """Tell whether photos lie below a folder, of whatever kind; like the engine, this looks into no hidden folder.
+
+    Raises:
+        UserError: none is found, and a folder cannot be read.
+    """
+    locked = list[OSError]()
+    for _, subfolders, names in os.walk(folder, onerror=locked.append):
         subfolders[:] = [name for name in subfolders if not name.startswith(".")]
         if any(name.lower().endswith(_PHOTO_KINDS + _UNREAD_KINDS) and not name.startswith(".") for name in names):
             return True
+    if locked:
+        raise _locked(locked[0].filename)
     return False
 
 
@@ -101,11 +112,17 @@ def _claim(model: _Found) -> tuple[bool, bool, int, int]:
 
 
 def _models(folder: Path) -> Iterator[_Found]:
-    """Yield folders with a model below ``folder``, the usual places first."""
+    """Yield folders with a model below ``folder``, the usual places first.
+
+    Raises:
+        UserError: one of the usual places cannot be read: what it holds must not count as missing.
+    """
     seen = set()
     for rank, places in enumerate(_PLACES):
         for place in places:
             for base in sorted(folder.glob(place)) if place else [folder]:
+                if rank == 0 and os.path.isdir(base) and not os.access(base, os.R_OK | os.X_OK):
+                    raise _locked(base)
                 kind = _kind(base) if base.is_dir() and base not in seen else ""
                 seen.add(base)
                 if kind:
@@ -118,3 +135,8 @@ def _kind(folder: Path) -> str:
         if all(os.path.isfile(folder / f"{part}{kind}") for part in ("images", "cameras")):
             return kind
     return ""
+
+
+def _locked(folder: Path | str) -> UserError:
+    """Return the engine's sentence for a folder that may not be looked into."""
+    return UserError("No permission for '{path}'; change its permissions or give another folder.", path=folder)

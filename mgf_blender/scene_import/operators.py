@@ -5,10 +5,12 @@ from pathlib import Path
 
 import bpy
 
+from ..common import runner
 from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.selection import select_only
 from ..common.text import tr
+from ..scene_keys import key_of
 from .cameras import SIZE_KEY, clear_view, fit_render
 from .crop import add_crop_box, find_crop_box
 from .framing import frame_imported
@@ -58,6 +60,8 @@ class MGF_OT_import_colmap(FileOperator):
         if not path.exists() and self.directory:
             path = Path(bpy.path.abspath(self.directory))  # the file browser adds a file name to a folder
         done = bring_in(context.scene, path, self.upright, self.replace, self)
+        if done.other:
+            leave_job(context.scene)
         frame_imported(context, done.imported)
 
 
@@ -73,7 +77,8 @@ class MGF_OT_reload_scene(Operator):
         return cls.needs(context.scene.mgf.source, "Import a scene first")
 
     def run(self, context: bpy.types.Context) -> None:
-        bring_in(context.scene, Path(bpy.path.abspath(context.scene.mgf.source)), True, True, self)
+        if bring_in(context.scene, Path(bpy.path.abspath(context.scene.mgf.source)), True, True, self).other:
+            leave_job(context.scene)
 
 
 class MGF_OT_add_crop_box(SceneOperator):
@@ -157,6 +162,12 @@ def bring_in(
         for text in done.warnings:
             operator.report({"WARNING"}, text)
     return done
+
+
+def leave_job(scene: bpy.types.Scene) -> None:
+    """Let a scene that gets other photos forget its job: the folder, the figures, and how it ended."""
+    scene.mgf.job_folder = scene.mgf.figures = ""
+    runner.forget(key_of(scene))
 
 
 def list_roots(scene: bpy.types.Scene, done: SceneImport) -> None:

@@ -56,8 +56,16 @@ class MGF_OT_show_full_building(_OnBuildings):
     bl_options = {"REGISTER", "UNDO"}
 
     def run(self, context: bpy.types.Context) -> None:
-        for obj in chosen_buildings(context):
-            show_full(obj)
+        chosen, problems = chosen_buildings(context), list[UserError]()
+        for obj in chosen:
+            try:
+                show_full(obj)
+            except UserError as error:  # the others can be shown all the same
+                problems.append(error)
+        if len(problems) == len(chosen):
+            raise problems[0]
+        for problem in problems:
+            self.report({"WARNING"}, str(problem))
 
 
 class MGF_OT_show_light_building(_OnBuildings):

@@ -38,7 +38,7 @@ def find_model(source: Path, exclude: Path | None = None) -> Path | None:
     Raises:
         BadInput: the only model found lacks one of its three files, or the folder of models cannot be read.
     """
-    refuse_locked([source, source / "sparse"])
+    refuse_locked([source, source / "sparse", *sorted((source / "sparse").glob("*"))])
     complete: list[tuple[tuple[bool, int, int], Path]] = []
     partial: list[Path] = []
     for rank, folder in _candidates(source, exclude):

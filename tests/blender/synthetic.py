@@ -75,7 +75,9 @@ def quaternion(rotation: np.ndarray) -> np.ndarray:
     return np.array([w, x, y, z])
 
 
-def write_house(folder: Path, shift: tuple = (0.0, 0.0, 0.0), tilt: bool = True, text: bool = False) -> House:
+def write_house(
+    folder: Path, shift: tuple = (0.0, 0.0, 0.0), tilt: bool = True, text: bool = False, prefix: str = "IMG"
+) -> House:
     """Write model, photos and a finished job; the house leans with the whole scene when ``tilt`` is set."""
     random = np.random.default_rng(7)
     xyz = random.uniform((-3, -2, 0), (3, 2, 4), (400, 3))
@@ -87,7 +89,7 @@ def write_house(folder: Path, shift: tuple = (0.0, 0.0, 0.0), tilt: bool = True,
         eye = np.array([14 * np.cos(angle), 12 * np.sin(angle), 3.0 + (i % 3)])
         rotation, _ = look_at(eye, np.array([0.2, 0.1, 1.8]), np.array([0, 0, 1.0]))
         rotation, eye = rotation @ turn.T, turn @ eye + shift
-        poses[f"wing/IMG {i:02d}.png"] = (1 + i % 6, rotation, -rotation @ eye)
+        poses[f"wing/{prefix} {i:02d}.png"] = (1 + i % 6, rotation, -rotation @ eye)
     xyz = xyz @ turn.T + shift
     model = folder / "sparse" / "0"
     model.mkdir(parents=True)

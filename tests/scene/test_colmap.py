@@ -408,6 +408,14 @@ def test_a_folder_that_may_not_be_read_is_not_taken_for_a_missing_one(
         find_photos(photo_names(model), model, tmp_path)
 
 
+def test_a_model_s_own_folder_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder := tmp_path / "sparse" / "0").mkdir(parents=True)
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, how: path != folder and access(path, how))
+    with pytest.raises(BadInput, match=f"No permission for '{re.escape(str(folder))}'"):
+        find_model(tmp_path)
+
+
 def test_photos_in_a_folder_that_may_not_be_read_are_not_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,7 @@ import pytest
 from installation import folders, prefix_of, shortened
 
 from mgf_blender.common.errors import UserError
-from mgf_blender.engine import environment, swap
+from mgf_blender.engine import current_task, environment, swap
 from mgf_blender.engine.task import CANCELLED, DONE, FAILED
 
 pytestmark = pytest.mark.usefixtures("free_space")
@@ -93,3 +93,41 @@ def test_an_old_engine_is_removed_where_no_process_can_start(tmp_path, monkeypat
             assert folders(tmp_path) == ["environment"]
             swap.remove(target)
             assert folders(tmp_path) == []
+
+
+def test_an_engine_that_cannot_be_put_back_is_a_sentence(tmp_path, monkeypatch):
+    """The panels ask for the engine while they are drawn."""
+    target = tmp_path / "environment"
+    target.with_name("environment-old").mkdir()
+    monkeypatch.delenv(environment.VARIABLE, raising=False)
+    monkeypatch.setattr(environment, "managed_environment", lambda: target)
+
+    def refuse(path: Path, to: Path) -> None:
+        raise PermissionError(13, "Access is denied", str(path))
+
+    monkeypatch.setattr(Path, "rename", refuse)
+    with pytest.raises(UserError, match="is in use"):
+        environment.engine_python()
+    assert shortened(tmp_path, "0").run() == FAILED
+
+
+def test_asking_for_the_engine_removes_nothing(tmp_path, monkeypatch):
+    """Thousands of files were deleted while a panel was drawn, and the only engine that was left with them."""
+    target = tmp_path / "environment"
+    for folder in (target, target.with_name("environment-old")):
+        folder.mkdir()
+    monkeypatch.delenv(environment.VARIABLE, raising=False)
+    monkeypatch.setattr(environment, "managed_environment", lambda: target)
+    with pytest.raises(UserError, match="is not installed"):
+        environment.engine_python()
+    assert folders(tmp_path) == ["environment", "environment-old"]
+
+
+def test_a_fault_in_the_middle_of_a_task_ends_it(tmp_path, monkeypatch):
+    """It stayed at work for ever, and nothing else could be installed or checked."""
+    task = shortened(tmp_path, "0")
+    current_task.begin("install", task)
+    monkeypatch.setattr(task, "drain", lambda: 1 / 0)
+    assert current_task._tick() is None and not current_task.is_running()
+    assert task.status == FAILED and "made a mistake" in task.text
+    current_task.forget()

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import bpy
 import pytest
+import synthetic
 from jobs import arguments
 
 from mgf_blender.common import runner
@@ -34,6 +36,36 @@ def test_photos_in_hidden_folders_alone_are_none(addon, engine, tmp_path):
     (tmp_path / ".thumbnails").mkdir()
     (tmp_path / ".thumbnails" / "a.JPG").write_bytes(b"x")
     with pytest.raises(RuntimeError, match="holds no photos"):
+        bpy.ops.mgf.import_photos(directory=str(tmp_path))
+    assert not addon.source
+
+
+def test_photos_without_an_engine_leave_the_scene_alone(addon, house, monkeypatch):
+    """The panel offered to reconstruct what had not been imported."""
+    monkeypatch.setenv("MGF_ENGINE_PYTHON", str(house.folder / "no engine"))
+    with pytest.raises(RuntimeError, match="There is no Python"):
+        bpy.ops.mgf.import_photos(directory=str(house.folder / "images"))
+    assert not addon.source and not addon.job_folder
+
+
+def test_other_photos_are_found_in_their_own_folder(addon, engine, house, tmp_path):
+    """They were searched where the first ones lay."""
+    engine("ok", FAKE_MODEL=house.model)
+    bpy.ops.mgf.import_photos(directory=str(house.folder / "images"))
+    other = synthetic.write_house(tmp_path / "other", prefix="DSC")
+    engine("ok", FAKE_MODEL=other.model)
+    bpy.ops.mgf.import_photos(directory=str(other.folder / "images"))
+    assert addon.photos and all(Path(photo.file).is_relative_to(other.folder) for photo in addon.photos)
+    assert Path(addon.job_folder).is_relative_to(other.folder)
+
+
+def test_a_folder_of_photos_that_may_not_be_read_is_named(addon, tmp_path, monkeypatch):
+    def walk(folder, onerror):
+        onerror(PermissionError(13, "Permission denied", str(tmp_path / "locked")))
+        return iter(())
+
+    monkeypatch.setattr(os, "walk", walk)
+    with pytest.raises(RuntimeError, match=r"No permission for '.*locked'"):
         bpy.ops.mgf.import_photos(directory=str(tmp_path))
     assert not addon.source
 

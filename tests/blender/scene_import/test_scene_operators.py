@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 
 import blf
@@ -13,12 +15,15 @@ import synthetic
 from mathutils import Matrix, Vector
 
 from mgf_blender import translations
+from mgf_blender.common import runner
+from mgf_blender.common.job import DONE, Job
 from mgf_blender.common.views import side_of_cameras
 from mgf_blender.scene_import import placement
 from mgf_blender.scene_import.cameras import PHOTO_KEY
 from mgf_blender.scene_import.crop import crop_text, find_crop_box
 from mgf_blender.scene_import.framing import frame_imported
 from mgf_blender.scene_import.imported_scene import ImportedScene
+from mgf_blender.scene_keys import scene_key
 
 
 @pytest.fixture
@@ -100,6 +105,46 @@ def test_another_scene_in_place_of_an_earlier_one_has_its_own_name_and_pose(addo
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     assert imported.collection.name == house.folder.name and imported.root.name == f"{house.folder.name} Origin"
     assert np.allclose(imported.root.matrix_world, pose, atol=1e-6)
+
+
+def test_another_scene_takes_the_place_of_the_first_with_its_mesh_and_job(addon, house, tmp_path):
+    """The first building's mesh stood beside the new cameras, and the next job ran in the first one's folder."""
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    bpy.ops.mgf.add_crop_box()
+    bpy.ops.mgf.add_section()
+    mine = bpy.data.objects.new("Mine", None)
+    ImportedScene.find(bpy.context.scene).collection.objects.link(mine)
+    addon.photo_folder = str(house.folder / "images")
+    runner.submit(ended := Job(["engine"], house.job, "house", scene_key=scene_key(bpy.context.scene)))
+    ended.status = DONE
+    other = synthetic.write_house(tmp_path / "other", prefix="DSC")
+    bpy.ops.mgf.import_colmap(filepath=str(other.folder))
+    imported = ImportedScene.find(bpy.context.scene)
+    kinds = {o.get("mgf_kind") or o.get("mgf_role") or o.name for o in bpy.data.objects}
+    assert kinds == {"root", "Cameras", "Points", "Mine"} and len(imported.objects("Cameras")) == 12
+    assert not addon.job_folder and not addon.figures and not runner.jobs()
+    assert all(Path(photo.file).is_relative_to(other.folder) for photo in addon.photos)  # not "not found"
+    assert [m.name for m in bpy.data.meshes] == ["Sparse Points"]
+
+
+def test_the_same_scene_again_keeps_its_job(addon, house):
+    bpy.ops.mgf.import_colmap(filepath=str(house.folder))
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    bpy.ops.mgf.import_colmap(filepath=str(house.model / "images.bin"))
+    assert addon.job_folder == str(house.job) and addon.figures
+    assert ImportedScene.find(bpy.context.scene).objects("Mesh")
+
+
+@pytest.mark.parametrize("locked", ["", "sparse", "sparse/0"])
+@pytest.mark.parametrize("operator", ["import_colmap", "import_photos"])
+def test_a_folder_that_may_not_be_read_is_named_and_nothing_is_imported(addon, house, monkeypatch, locked, operator):
+    """A model that was not seen counted as missing, and its cameras were computed anew."""
+    folder, access = house.folder / locked, os.access
+    monkeypatch.setattr(os, "access", lambda path, how: Path(path) != folder and access(path, how))
+    with pytest.raises(RuntimeError, match=f"No permission for '{re.escape(str(folder))}'; change its permissions"):
+        getattr(bpy.ops.mgf, operator)(directory=str(house.folder))
+    assert not bpy.data.objects and not addon.source and not addon.job_folder and not runner.jobs()
 
 
 def test_no_path_is_no_model(addon):

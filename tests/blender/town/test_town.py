@@ -62,6 +62,19 @@ def test_full_meshes_come_on_demand_and_go_again(addon, town):
     assert len(bpy.data.meshes) == meshes - 1
 
 
+def test_buildings_whose_full_mesh_is_there_are_shown_though_another_s_is_gone(addon, town, capfd):
+    """The first one was shown without an undo step, and the others were not."""
+    bpy.ops.mgf.import_town(directory=str(town))
+    (town / "buildings" / "a" / "job" / "mesh.ply").unlink()
+    choose("a", "b")
+    assert bpy.ops.mgf.show_full_building() == {"FINISHED"}
+    assert LIGHT_KEY in bpy.data.objects["b"] and LIGHT_KEY not in bpy.data.objects["a"]
+    assert "Warning" in capfd.readouterr().out
+    choose("a")
+    with pytest.raises(RuntimeError, match=r"mesh\.ply"):
+        bpy.ops.mgf.show_full_building()
+
+
 def test_importing_again_replaces_the_town_and_keeps_what_is_not_ours(addon, town, tmp_path):
     bpy.ops.mgf.import_town(directory=str(town))
     choose("a")
