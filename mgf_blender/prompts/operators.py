@@ -10,6 +10,7 @@ from ..common.errors import UserError
 from ..common.operators import FileOperator, Operator
 from ..common.text import tr
 from ..scene_import.cameras import IMAGE_KEY, PHOTO_KEY, SIZE_KEY, find_source
+from ..scene_import.operators import sort_photos
 from . import files, preview
 from .properties import active_photo, photo_image
 
@@ -227,11 +228,9 @@ def open_photo(context: bpy.types.Context) -> None:
 
 def choose_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> None:
     """Choose the photo of an imported camera in the list, which gets it where it lacks it."""
-    at = state.photos.find(camera[PHOTO_KEY])
-    if at < 0:
+    if state.photos.find(camera[PHOTO_KEY]) < 0:
         list_photo(state, camera)
-        at = len(state.photos) - 1
-    state.photo_index = at
+    state.photo_index = state.photos.find(camera[PHOTO_KEY])
 
 
 def add_missing(scene: bpy.types.Scene, names: list[str]) -> None:
@@ -251,6 +250,7 @@ def list_photo(state: bpy.types.PropertyGroup, camera: bpy.types.Object) -> None
     entry = state.photos.add()
     entry.name, entry.file = camera[PHOTO_KEY], _photo_file(camera)
     entry.width, entry.height = camera[SIZE_KEY]
+    sort_photos(state)
 
 
 def _photo_file(camera: bpy.types.Object) -> str:

@@ -189,6 +189,17 @@ def list_roots(scene: bpy.types.Scene, done: SceneImport) -> None:
             file = find_photo(done.photo_folder, photo.name) if done.photo_folder is not None else None
             entry.file = str(file) if file is not None else ""
     scene.mgf.photo_index = min(max(scene.mgf.photo_index, 0), max(len(photos) - 1, 0))
+    sort_photos(scene.mgf)
+
+
+def sort_photos(state: bpy.types.PropertyGroup) -> None:
+    """Put the listed photos in the order of their names; the chosen one stays so."""
+    photos = state.photos
+    chosen = photos[state.photo_index].name if 0 <= state.photo_index < len(photos) else ""
+    for at, name in enumerate(sorted(photo.name for photo in photos)):
+        photos.move(photos.find(name), at)
+    if chosen and photos.find(chosen) != state.photo_index:
+        state.photo_index = photos.find(chosen)
 
 
 @bpy.app.handlers.persistent

@@ -67,7 +67,8 @@ def test_import_adds_photos_that_were_not_roots(state, house, tmp_path):
     path.write_text(json.dumps({other: {"positive": [[1, 2]]}, "unknown.png": {"positive": [[1, 2]]}}))
     bpy.ops.mgf.import_prompts(filepath=str(path))
     assert files.to_data(bpy.context.scene) == {other: {"positive": [[1.0, 2.0]]}}
-    assert state.photos[-1].file
+    names = [photo.name for photo in state.photos]
+    assert state.photos[other].file and names == sorted(names)
 
 
 @pytest.mark.parametrize(
@@ -136,10 +137,13 @@ def test_list_operators(state):
     while bpy.context.scene.camera["mgf_photo"] in {p.name for p in state.photos}:
         bpy.ops.mgf.look_through(step=1)
     bpy.ops.mgf.add_photo()
-    assert len(state.photos) == count + 1 and state.photos[-1].name == bpy.context.scene.camera["mgf_photo"]
-    files.add_click(state.photos[-1], 1, 1, False, "building")
+    added, names = bpy.context.scene.camera["mgf_photo"], [photo.name for photo in state.photos]
+    assert len(names) == count + 1 and names == sorted(names) and names[state.photo_index] == added
+    files.add_click(state.photos[added], 1, 1, False, "building")
+    bpy.ops.mgf.reload_scene()  # the photos are listed anew
+    assert [photo.name for photo in state.photos] == names and names[state.photo_index] == added
     bpy.ops.mgf.clear_clicks()
-    assert not state.photos[-1].clicks
+    assert not state.photos[added].clicks
     bpy.ops.mgf.remove_photo()
     assert len(state.photos) == count
 

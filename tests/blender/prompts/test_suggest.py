@@ -68,22 +68,22 @@ def test_proposed_points_do_not_count_until_they_are_accepted(state, house, phot
 
 def test_the_photo_that_someone_works_on_stays(state):
     scene = bpy.context.scene
-    at = len(scene.mgf.photos) - 1
-    scene.mgf.photo_index = at
-    files.add_click(scene.mgf.photos[at], 1, 2, False, "building")
+    name = scene.mgf.photos[-1].name
+    scene.mgf.photo_index = len(scene.mgf.photos) - 1
+    files.add_click(scene.mgf.photos[name], 1, 2, False, "building")
     bpy.ops.mgf.suggest_clicks()
-    assert len(proposed(scene)) and scene.mgf.photo_index == at
+    assert len(proposed(scene)) and properties.active_photo(scene).name == name
 
 
 def test_a_photo_in_an_image_editor_stays_and_one_that_nobody_chose_does_not(state, monkeypatch):
     scene = bpy.context.scene
     at = len(scene.mgf.photos) - 1
     scene.mgf.photo_index = at
-    image = properties.photo_image(scene.mgf.photos[at])
+    name, image = scene.mgf.photos[at].name, properties.photo_image(scene.mgf.photos[at])
     area = SimpleNamespace(spaces=SimpleNamespace(active=SimpleNamespace(image=image)))
     monkeypatch.setattr(suggest, "areas_of", lambda kind: [(None, area)] if kind == "IMAGE_EDITOR" else [])
     bpy.ops.mgf.suggest_clicks()
-    assert scene.mgf.photo_index == at
+    assert properties.active_photo(scene).name == name
     area.spaces.active.image = None
     bpy.ops.mgf.suggest_clicks()
     assert scene.mgf.photos[scene.mgf.photo_index] in proposed(scene)
