@@ -58,10 +58,15 @@ def frame_scene(
         space.clip_start = min(space.clip_start, 1e-3 * reach)
         space.clip_end = max(space.clip_end, 100.0 * reach)
         space.shading.color_type = "TEXTURE" if texture else "VERTEX"
-        if space.shading.light == ("FLAT" if lit else "STUDIO"):  # a MatCap is the user's own choice
-            space.shading.light = "STUDIO" if lit else "FLAT"
+        _light(space.shading, lit)
         space.overlay.show_relationship_lines = False  # one dashed line per camera hides the scene
         area.tag_redraw()
+
+
+def _light(shading: bpy.types.View3DShading, lit: bool) -> None:
+    """Choose between the studio light and none."""
+    if shading.light == ("FLAT" if lit else "STUDIO"):  # a MatCap is the user's own choice
+        shading.light = "STUDIO" if lit else "FLAT"
 
 
 def scale_views(context: bpy.types.Context, factor: float) -> None:
@@ -106,10 +111,18 @@ def draw_texture(scene: bpy.types.Scene, on: bool) -> None:
             area.tag_redraw()
 
 
-def follow_paint(scene: bpy.types.Scene, texture: bool) -> None:
-    """Bring the viewports that draw our colours in step with what a scene's mesh is painted with by now."""
+def follow_paint(scene: bpy.types.Scene, texture: bool, lit: bool | None = None) -> None:
+    """Bring the viewports that draw our colours in step with what a scene's mesh is painted with by now.
+
+    Args:
+        scene: whose viewports are meant.
+        texture: whether the colours are a texture's.
+        lit: see :func:`frame_scene`; None leaves the light as it is.
+    """
     for window, area in areas_of("VIEW_3D"):
         shading = area.spaces.active.shading
         if window.scene == scene and shading.color_type in {"TEXTURE", "VERTEX"}:
             shading.color_type = "TEXTURE" if texture else "VERTEX"
+            if lit is not None:
+                _light(shading, lit)
             area.tag_redraw()

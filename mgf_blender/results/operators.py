@@ -250,27 +250,49 @@ CLASSES = (
 )  # fmt: skip
 
 
+_with_mesh: set[str] = set()  # names of scenes, when an undo began
+
+
+@bpy.app.handlers.persistent
+def before_undo(*_: object) -> None:
+    """Note which scenes have a mesh (handler)."""
+    _with_mesh.clear()
+    _with_mesh.update(scene.name for scene in bpy.data.scenes if _has_mesh(ImportedScene.find(scene)))
+
+
 @bpy.app.handlers.persistent
 def after_undo(*_: object) -> None:
-    """Update how the viewports draw the mesh (handler): an undo changes only what it is painted with."""
+    """Update how the viewports draw the mesh, or the points without it (handler): an undo changes only what it is
+    painted with, and whether it is there."""
     for scene in bpy.data.scenes:
         imported = ImportedScene.find(scene)
         if imported is not None:
-            follow_paint(scene, imported.shows_texture)
+            lit, was_lit = _has_mesh(imported), scene.name in _with_mesh
+            follow_paint(scene, imported.shows_texture, lit if lit != was_lit else None)
 
 
+def _has_mesh(imported: ImportedScene | None) -> bool:
+    return imported is not None and bool(imported.objects("Mesh"))
+
+
+_HANDLERS = (
+    (bpy.app.handlers.undo_pre, before_undo),
+    (bpy.app.handlers.redo_pre, before_undo),
+    (bpy.app.handlers.undo_post, after_undo),
+    (bpy.app.handlers.redo_post, after_undo),
+)
 _register, _unregister = bpy.utils.register_classes_factory(CLASSES)
 
 
 def register() -> None:
     """Register the operators and what follows an undo."""
     _register()
-    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
-        handlers.append(after_undo)
+    for handlers, function in _HANDLERS:
+        handlers.append(function)
 
 
 def unregister() -> None:
     """Take them away again."""
-    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
-        handlers.remove(after_undo)
+    for handlers, function in _HANDLERS:
+        handlers.remove(function)
     _unregister()

@@ -346,8 +346,19 @@ def test_points_show_the_photos_colours_and_the_mesh_its_shape(imported, house, 
     shading.light = light
     frame_imported(bpy.context, imported)
     assert shading.light == with_points
+    bpy.ops.ed.undo_push(message="points")
     bpy.ops.mgf.import_result(directory=str(house.job))
     assert shading.light == light
+    bpy.ops.ed.undo_push(message="mesh")
+    for step, expected in ((bpy.ops.ed.undo, with_points), (bpy.ops.ed.redo, light)):  # dark specks came back
+        step()
+        (shading,) = [a.spaces.active.shading for a in bpy.context.screen.areas if a.type == "VIEW_3D"]
+        assert shading.light == expected
+    shading.light = "FLAT"  # the user's choice for the mesh
+    bpy.ops.mgf.paint_mesh(kind="COLOR")
+    bpy.ops.ed.undo_push(message="paint")
+    bpy.ops.ed.undo()
+    assert shading.light == "FLAT"
 
 
 def test_scaling_keeps_the_picture(imported):
