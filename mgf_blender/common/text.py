@@ -64,6 +64,8 @@ def wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
             continue
         while not fits(word) and len(word) > 1:
             most = next(n for n in range(len(word) - 1, 0, -1) if n == 1 or fits(word[:n]))
+            folder = max(word.rfind("/", 0, most), word.rfind("\\", 0, most)) + 1  # a path is broken between folders
+            most = folder if folder > most // 2 else most
             lines.append(word[:most])
             word = word[most:]
         lines.append(word)
