@@ -14,7 +14,7 @@ from pathlib import Path
 
 import bpy
 
-from .common.text import CONTEXT
+from .common.text import CONTEXT, keep
 
 FOLDER = Path(__file__).with_name("languages")
 #: Descriptions are looked up without a context.
@@ -36,7 +36,10 @@ def dictionary(folder: Path = FOLDER) -> dict[str, dict[tuple[str, str], str]]:
 
 def register() -> None:
     """Hand the dictionaries to Blender."""
-    bpy.app.translations.register(__package__, dictionary())
+    found = dictionary()
+    for locale, texts in found.items():
+        keep(locale, {english for (_, english), text in texts.items() if text == english})
+    bpy.app.translations.register(__package__, found)
 
 
 def unregister() -> None:

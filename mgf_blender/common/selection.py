@@ -17,8 +17,12 @@ def active_object(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Make an object the only selected and the active one, where the view layer shows it."""
+    """Make an object the only selected and the active one, where the view layer shows it; Edit Mode and others of the
+    object that was active are left, for it would stay in them."""
     layer = context.view_layer
+    before = layer.objects.active
+    if before is not None and before != obj and before.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
     for other in selected_objects(context):
         other.select_set(False, view_layer=layer)
     try:

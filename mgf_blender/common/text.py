@@ -9,6 +9,7 @@ import bpy
 
 #: In which our texts are translated, apart from those that Blender has itself.
 CONTEXT = "MGF"
+_kept: dict[str, frozenset[str]] = {}
 _LETTERS = 46  # of a line where there is no window to measure
 _ICON = 20.0  # width of an icon, pixels at interface scale 1
 _MARGINS = {"UI": 98.0, "WINDOW": 290.0}  # of a sidebar, of the preferences; pixels at interface scale 1
@@ -26,7 +27,15 @@ def tr(text: str, **values: object) -> str:
 def look_up(text: str) -> str:
     """Return what our dictionary has for a text, else Blender's, or the text itself."""
     ours: str = bpy.app.translations.pgettext_iface(text, CONTEXT)
-    return ours if ours != text else bpy.app.translations.pgettext_iface(text)
+    if ours != text or text in _kept.get(bpy.app.translations.locale, ()):
+        return ours
+    return bpy.app.translations.pgettext_iface(text)
+
+
+def keep(locale: str, texts: Iterable[str]) -> None:
+    """Note which texts our dictionary of a language leaves as they are, such as *Mesh* in German: Blender's own word
+    for them does not count."""
+    _kept[locale] = frozenset(texts)
 
 
 def in_our_words(*classes: type) -> None:

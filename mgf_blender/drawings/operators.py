@@ -74,9 +74,7 @@ class MGF_OT_add_section(SceneOperator):
 
     def run(self, context: bpy.types.Context) -> None:
         context.view_layer.update()
-        obj = add_section(ImportedScene.find(context.scene), self.axis)
-        if context.mode == "OBJECT":
-            select_only(context, obj)
+        select_only(context, add_section(ImportedScene.find(context.scene), self.axis))
 
 
 class MGF_OT_use_as_section(Operator):
@@ -116,8 +114,7 @@ class MGF_OT_select_section(_OnSection):
     bl_options = {"REGISTER", "UNDO"}
 
     def run(self, context: bpy.types.Context) -> None:
-        if context.mode == "OBJECT":
-            select_only(context, self.section(context.scene))
+        select_only(context, self.section(context.scene))
 
 
 class MGF_OT_remove_section(_OnSection):

@@ -55,7 +55,7 @@ def _draw_sections(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     there = find_sections(scene)
     for obj in there:
         row = column.row(align=True)
-        row.operator("mgf.select_section", text=obj.name, icon="MESH_PLANE", translate=False).name = obj.name
+        row.operator("mgf.select_section", text=obj.name, icon="OBJECT_DATA", translate=False).name = obj.name
         row.operator("mgf.remove_section", text="", icon="X").name = obj.name
     row = column.row(align=True)
     row.operator_menu_enum("mgf.add_section", "axis", icon="ADD")
@@ -69,6 +69,10 @@ def _draw_pictures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     index = read_index(job_folder(scene))
     if index is None:
         return
+    row = layout.row(align=True)
+    page = row.operator("mgf.open_job_file", text="All Drawings", icon="URL")
+    page.name = f"{FOLDER}/{PAGE}"
+    row.operator("mgf.open_job_file", text="Open Folder", icon="FILE_FOLDER").name = FOLDER
     grid = layout.grid_flow(row_major=True, columns=2, even_columns=True)
     for drawing in index.pictures:
         column, picture = grid.column(align=True), preview_icon(drawing.path)
@@ -78,10 +82,6 @@ def _draw_pictures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
             "mgf.show_drawing", text=drawing.title, icon="NONE" if picture else "IMAGE_DATA", translate=False
         )
         button.name = drawing.path.name
-    row = layout.row(align=True)
-    page = row.operator("mgf.open_job_file", text="All Drawings", icon="URL")
-    page.name = f"{FOLDER}/{PAGE}"
-    row.operator("mgf.open_job_file", text="Open Folder", icon="FILE_FOLDER").name = FOLDER
 
 
 register, unregister = bpy.utils.register_classes_factory((MGF_PT_drawings,))

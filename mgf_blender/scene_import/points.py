@@ -11,8 +11,8 @@ from ..common.meshes import make_mesh, prepare_mesh, vertices_of
 from .colmap import Points
 from .imported_scene import FIELD_KEY, ImportedScene
 
-#: Size of a drawn point, as a share of the scene's size.
-_SIZE = 0.006
+#: Size of a drawn point as a share of the scene's size: of many points, and of so few that they leave gaps.
+_SIZE, _LARGEST, _MANY = 0.006, 0.009, 20_000
 
 
 def add_points(imported: ImportedScene, points: Points, name: str = "Sparse Points") -> bpy.types.Object | None:
@@ -23,7 +23,8 @@ def add_points(imported: ImportedScene, points: Points, name: str = "Sparse Poin
     mesh = make_mesh(name, prepare_mesh(points.xyz - imported.offset, np.zeros((0, 3)), points.rgb, values))
     obj = bpy.data.objects.new(name, mesh)
     imported.add("Points", obj)
-    show_points(obj, _SIZE * imported.radius)
+    share = min(_SIZE * max(1.0, _MANY / len(points.xyz)) ** 0.5, _LARGEST)
+    show_points(obj, share * imported.radius)
     return obj
 
 

@@ -236,10 +236,14 @@ def test_blenders_own_words_do_not_take_the_place_of_ours(addon):
 
 def test_lookups_ask_in_our_context_first(addon, monkeypatch):
     blender = {("Level", "*"): "Stufe", ("Add", "*"): "Hinzufügen", ("Level", "MGF"): "Waagerecht"}
-    asked = SimpleNamespace(pgettext_iface=lambda text, context="*": blender.get((text, context), text))
+    blender |= {("Mesh", "*"): "Masche", ("Mesh", "MGF"): "Mesh"}
+    asked = SimpleNamespace(pgettext_iface=lambda text, context="*": blender.get((text, context), text), locale="de_DE")
     monkeypatch.setattr(text_module, "bpy", SimpleNamespace(app=SimpleNamespace(translations=asked)))
     assert [text_module.look_up(t) for t in ("Level", "Add", "Else")] == ["Waagerecht", "Hinzufügen", "Else"]
     assert ("MGF", "Level") in translations.dictionary()["de_DE"]
+    assert text_module.look_up("Mesh") == "Mesh"  # which our dictionary leaves as it is: the heading said "Masche"
+    asked.locale = "fr_FR"  # of which we have no dictionary: Blender's word is better than none
+    assert text_module.look_up("Mesh") == "Masche"
 
 
 def test_tooltips_that_say_what_a_button_does_here_are_translated(german):

@@ -79,7 +79,7 @@ def test_button_to_pictures(finished, engine, house):
     assert "--resolution" not in line and "--scale" not in line and "--section" not in line
     drawn = draw(MGF_PT_drawings)
     assert "Drawings finished in " in drawn.said and "Open Log" not in drawn.said
-    assert "Orthophoto A\nDeviation A\nAll Drawings\nOpen Folder" in drawn.said
+    assert "All Drawings\nOpen Folder\nOrthophoto A\nDeviation A" in drawn.said
     assert "Drawings finished" not in draw(MGF_PT_reconstruct).said
     (image,) = [load_drawing(house.job, name) for name, p, _ in [("orthophoto-A.png", 0, 0)]]
     assert tuple(image.size) == (8, 6) and image["mgf_image"] == "drawing"

@@ -128,6 +128,20 @@ def test_another_scene_takes_the_place_of_the_first_with_its_mesh_and_job(addon,
     assert [m.name for m in bpy.data.meshes] == ["Sparse Points"]
 
 
+@pytest.mark.parametrize("button", ["add_crop_box", "select_crop_box", "add_section", "select_section"])
+def test_what_a_button_selects_is_selected_from_edit_mode_as_well(imported, house, button):
+    """The mesh stayed in Edit Mode behind the crop box; the section's button did nothing."""
+    bpy.ops.mgf.import_result(directory=str(house.job))
+    bpy.ops.mgf.add_crop_box()
+    bpy.ops.mgf.add_section()
+    mesh = bpy.context.view_layer.objects.active = imported.objects("Mesh")[0]
+    bpy.ops.object.mode_set(mode="EDIT")
+    getattr(bpy.ops.mgf, button)(**({"name": "Section"} if button == "select_section" else {}))
+    active = bpy.context.view_layer.objects.active
+    assert bpy.context.mode == "OBJECT" and mesh.mode == "OBJECT"
+    assert active.name.startswith("Crop Box" if "crop" in button else "Section") and active.select_get()
+
+
 def test_the_same_scene_again_keeps_its_job(addon, house):
     bpy.ops.mgf.import_colmap(filepath=str(house.folder))
     bpy.ops.mgf.import_result(directory=str(house.job))

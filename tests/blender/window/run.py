@@ -38,7 +38,7 @@ SIDE = 0.915  # of the small button at the end of a row, as a share of the sideb
 
 #: Screenshot -> part of it (width, height, x, y) and picture of the documentation.
 PICTURES = {
-    "05-engine": ((990, 632, 165, 180), "blender-preferences"),
+    "05-engine": ((990, 650, 165, 158), "blender-preferences"),
     "12-crop-box": ((1160, 815, 0, 0), "blender-scene"),
     "23-mask": ((1160, 815, 0, 0), "blender-prompts"),
     "31-training": ((1160, 815, 0, 0), "blender-training"),
