@@ -22,7 +22,8 @@ def test_long_words_are_broken_and_nothing_is_lost():
     assert all(map(short, lines)) and "".join(lines).replace(" ", "") == "In'/home/some/very/long/folder'isnoPython."
     assert wrapped("/home/a/b/c/d/e", short)[0] == "/home/a/b/c/"
     assert wrapped("'/home/abc/images', or", short) == ["'/home/abc/", "images', or"]
-    assert wrapped("C:\\Users\\abcdef", short) == ["C:\\Users\\", "abcdef"] and wrapped("/" + 13 * "a", short)[0] == "/" + 11 * "a"
+    assert wrapped("C:\\Users\\abcdef", short) == ["C:\\Users\\", "abcdef"]
+    assert wrapped("/" + 13 * "a", short)[0] == "/" + 11 * "a"
 
 
 def test_a_panel_too_narrow_for_a_letter_still_ends():
