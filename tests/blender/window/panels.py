@@ -39,6 +39,7 @@ from benchmarks.truth import write_truth
 
 GEOREFERENCE = 180  # the button, pixels below the top of the sidebar, with control points read
 PANELS = ("georef", "drawings", "models")
+SHOWN = {"drawings": (252, 620)}  # width and height of a panel that goes on below the window, up to a whole row of it
 SPEC = SceneSpec(
     building="half_timber", photos=20, width=720, rings=(Ring(0.55, 5.5, 16.0, 5.0), Ring(0.45, 14.0, 14.0, 5.0))
 )
@@ -144,7 +145,8 @@ def show_panel(window: Window, name: str) -> None:
     window.shot(f"whole-{name}")
     x, y, w, h = window.region("UI")
     cut = ["convert", window.out / f"whole-{name}.png", "-crop", f"{w - 22}x{h - 2}+{x}+{y}", "+repage"]
-    subprocess.run([*cut, "-fuzz", "1%", "-trim", "+repage", window.out / f"panel-{name}.png"], check=True)
+    part = ["-crop", "{}x{}+0+0".format(*SHOWN[name]), "+repage"] if name in SHOWN else []
+    subprocess.run([*cut, "-fuzz", "1%", "-trim", "+repage", *part, window.out / f"panel-{name}.png"], check=True)
     window.tell(f"py bpy.utils.unregister_class(mgf_panels['MGF_PT_{name}'])")
 
 
