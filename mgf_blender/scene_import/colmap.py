@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..common.errors import UserError, reason
 
@@ -205,7 +206,7 @@ def _photo(row: _Row, cameras: dict[int, Camera], folder: Path) -> Photo:
     return Photo(row.number, row.name, cameras[row.camera], quaternion_to_matrix(q), t, row.observed)
 
 
-def _points(xyz: list, rgb: list, error: list, length: list) -> Points:
+def _points(xyz: ArrayLike, rgb: ArrayLike, error: ArrayLike, length: ArrayLike) -> Points:
     points = Points(
         np.array(xyz, np.float64).reshape(-1, 3),
         np.array(rgb, np.uint8).reshape(-1, 3),
@@ -252,7 +253,7 @@ _U64 = struct.Struct("<Q")
 _CAMERA_HEAD = struct.Struct("<IiQQ")
 _PHOTO_HEAD = struct.Struct("<I7dI")
 _KEYPOINT = np.dtype([("uv", "<f8", 2), ("point", "<i8")])
-_POINT = struct.Struct("<Q3d3BdQ")
+_POINT = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8"), ("length", "<u8")])
 
 
 def _cameras_bin(data: bytes) -> dict[int, Camera]:
@@ -283,15 +284,17 @@ def _photos_bin(data: bytes) -> list[_Row]:
 
 def _points_bin(data: bytes) -> Points:
     cursor = _Cursor(data)
-    xyz, rgb, error, length = [], [], [], []
-    for _ in range(cursor.count(_POINT.size)):
-        _, x, y, z, r, g, b, e, n = cursor.take(_POINT)
-        cursor.skip(n * 8)
-        xyz.append((x, y, z))
-        rgb.append((r, g, b))
-        error.append(e)
-        length.append(n)
-    return _points(xyz, rgb, error, length)
+    count = cursor.count(_POINT.itemsize)
+    if count == 0:
+        return _points([], [], [], [])
+    starts, at, read, to_length = list[int](), cursor.at, _U64.unpack_from, _POINT.itemsize - _U64.size
+    for _ in range(count):  # only the lengths are read one by one: Blender waits, and there may be a million points
+        starts.append(at)
+        at += _POINT.itemsize + 8 * read(data, at + to_length)[0]
+    cursor.skip(at - cursor.at)
+    windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(data, np.uint8), _POINT.itemsize)
+    heads = windows[starts].view(_POINT)[:, 0]
+    return _points(heads["xyz"], heads["rgb"], heads["error"], heads["length"])
 
 
 def decode(raw: bytes) -> str:
