@@ -117,22 +117,7 @@ def straighten(
     closed = ends[0] == ends[1]
     if closed:
         corners = _roll_to_longest(_roll_to_corner(corners), options.split * pixel)
-    breaks = douglas_peucker(corners, options.split * pixel)
-    found = frayed_parts(corners, breaks, pixel, known, options.fray) if frayed else []
-    parts = {part.first: part for part in found}
-    within = {row for part in parts.values() for row in breaks if part.first < row < part.last}
-    breaks = [row for row in breaks if row not in within]
-    segments = [
-        _frayed_segment(corners, parts[i], pixel, options)
-        if i in parts
-        else _fit_segment(corners[i : j + 1], pixel, known, options)
-        for i, j in pairwise(breaks)
-    ]
-    at = corners[breaks].copy()
-    for row, part in parts.items():
-        k = breaks.index(row)
-        at[k : k + 2] = part.nearest(at[k : k + 2])
-    segments, at = _without_short(segments, at, pixel, closed, options)
+    segments, at = _without_short(*_fit_segments(corners, pixel, known, options, frayed), pixel, closed, options)
     points = at.copy()
     for k in range(1, len(segments)):
         points[k] = crossing([segments[k - 1], segments[k]], at[k], pixel, options)
@@ -267,6 +252,28 @@ def _roll_to_longest(loop: Array, tolerance: float) -> Array:
     return np.concatenate([loop[first:-1], loop[: first + 1]])
 
 
+def _fit_segments(
+    corners: Array, pixel: float, known: Array | None, options: StraightenOptions, frayed: bool
+) -> tuple[list[FittedSegment], Array]:
+    """Split a chain where it turns and fit a line to each part, see :func:`straighten`; with the places between."""
+    breaks = douglas_peucker(corners, options.split * pixel)
+    found = frayed_parts(corners, breaks, pixel, known, options.fray) if frayed else []
+    parts = {part.first: part for part in found}
+    within = {row for part in found for row in breaks if part.first < row < part.last}
+    breaks = [row for row in breaks if row not in within]
+    segments = [
+        _frayed_segment(corners, parts[i], pixel, options)
+        if i in parts
+        else _fit_segment(corners[i : j + 1], pixel, known, options)
+        for i, j in pairwise(breaks)
+    ]
+    at = corners[breaks]
+    for part in found:
+        k = breaks.index(part.first)
+        at[k : k + 2] = part.nearest(at[k : k + 2])
+    return segments, at
+
+
 def _fit_segment(corners: Array, pixel: float, known: Array | None, options: StraightenOptions) -> FittedSegment:
     """Fit the line through part of a chain."""
     middles = 0.5 * (corners[1:] + corners[:-1])
@@ -317,11 +324,9 @@ def _on_line(centre: Array, span: Array, length: float, line: Array) -> FittedSe
 def _aligned_to_axes(segment: FittedSegment, pixel: float, options: StraightenOptions) -> FittedSegment:
     """Return the segment level or upright where it is so but for a ground pixel at its ends."""
     for axis in range(2):
-        turn = abs(float(segment.along[axis]))
-        if (
-            turn < np.sin(np.radians(options.level_angle))
-            and 0.5 * segment.length * turn <= options.level_shift * pixel
-        ):
+        lean = abs(float(segment.along[axis]))  # sine of the angle
+        shift = 0.5 * segment.length * lean
+        if lean < np.sin(np.radians(options.level_angle)) and shift <= options.level_shift * pixel:
             along = np.zeros(2)
             along[1 - axis] = np.sign(segment.along[1 - axis])
             return FittedSegment(segment.at, along, segment.length, segment.known)

@@ -17,7 +17,8 @@ from mgf_engine.start.dense import DensePoints
 from mgf_engine.start.lines import Line3D, line_points
 from mgf_engine.start.options import StartOptions
 from mgf_engine.start.plane_points import crease_points, plane_points
-from mgf_engine.start.planes import LinePlanes, fit_planes_to_lines, snap_to_planes
+from mgf_engine.start.planes import LinePlanes, fit_planes_to_lines
+from mgf_engine.start.snapping import snap_to_planes
 from mgf_engine.start.views import StartViews
 
 log = logging.getLogger("mgf")

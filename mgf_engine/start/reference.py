@@ -198,7 +198,7 @@ def smooth_point(
 
 
 def snap_to_planes(points: Array, planes: Array, near: Array, options: PlaneOptions) -> Array:
-    """Move points [N, 3] onto planes [K, 4] as :func:`mgf_engine.start.planes.snap_to_planes` does.
+    """Move points [N, 3] onto planes [K, 4] as :func:`mgf_engine.start.snapping.snap_to_planes` does.
 
     Args:
         points: [N, 3], normalised frame.
