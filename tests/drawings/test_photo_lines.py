@@ -142,15 +142,16 @@ MAP.label[40:110, 40:120] = 1
 SURVEY = SimpleNamespace(working_pixel=1.0, normalise=lambda points: points)
 
 
-def photos_of(box: np.ndarray, shows=lambda points: np.ones(len(points), bool)) -> EdgePhotos:
-    """Photos of a bright plate with these sides, which moves before nothing."""
+def photos_of(box: np.ndarray, shows=lambda points: np.ones(len(points), bool), fall: float = 0.0) -> EdgePhotos:
+    """Photos of a bright plate with these sides, which moves before nothing; it falls to the right from x = 120 on."""
     views = cameras()
 
     def photo(number: int) -> np.ndarray:
         view = views[number]
         grid = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), -1).reshape(-1, 2)
         ray = view.unproject(grid, np.ones(len(grid))) - view.centre
-        at = view.centre - ray * (view.centre[2] / ray[:, 2])[:, None]
+        height = view.centre[2] + fall * (view.centre[0] - 120)  # over the plate
+        at = view.centre - ray * (height / (ray[:, 2] + fall * ray[:, 0]))[:, None]
         left, top, right, bottom = box
         inside = (at[:, 0] > left) & (at[:, 0] < right) & (at[:, 1] > bottom) & (at[:, 1] < top)
         return np.repeat(np.where(inside, 200, 40).astype(np.uint8).reshape(view.height, view.width, 1), 3, 2)
@@ -199,6 +200,24 @@ def test_half_of_a_line_has_to_be_shown(height: float, moved: bool) -> None:
 def test_short_lines_faint_edges_and_far_ones_stay(change: dict[str, float]) -> None:
     photos = photos_of(PLATE + np.array([0, 0, 2.0, 0]))
     assert find_moves([RIGHT], MAP, SURVEY, photos, replace(PhotoLineOptions(), **change)) == [{}]
+
+
+@pytest.mark.parametrize(("distance", "moved"), [(7.7, True), (-7.7, True), (8.3, False), (-8.3, False)])
+def test_edges_are_looked_for_as_far_as_they_may_lie(distance: float, moved: bool) -> None:
+    moves = find_moves([RIGHT], MAP, SURVEY, photos_of(PLATE + np.array([0, 0, distance, 0])))
+    assert moves == (
+        [{0: Move(pytest.approx(-X), pytest.approx(-distance, abs=0.2), pytest.approx(Y))}] if moved else [{}]
+    )
+
+
+@pytest.mark.parametrize(("overhang", "moved"), [(13.7, True), (2.0, True), (14.4, False)])
+def test_eaves_are_looked_for_farther_out(overhang: float, moved: bool) -> None:
+    roof = replace(MAP, slope=np.array([[-0.5, 0.0, 60.0]]))  # it falls to the right
+    photos = photos_of(PLATE + np.array([0, 0, overhang, 0]), fall=0.5)
+    (found,) = find_moves([RIGHT], roof, SURVEY, photos)
+    assert bool(found) == moved
+    if moved:
+        assert found[0].vector == pytest.approx([overhang, 0.0], abs=0.3)
 
 
 def test_on_the_mesh_a_photo_shows_what_its_mask_calls_building_and_beyond_the_mesh_all() -> None:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from support.analytic import camera
@@ -55,6 +57,21 @@ def test_a_roof_with_points_below_it_is_no_ground() -> None:
 def test_steep_planes_and_few_points_are_none() -> None:
     assert ground_of(plane(0.0, slope=0.8), 9.0) is None
     assert ground_of(plane(0.0, count=30), 9.0, GroundPlaneOptions(least_support=40)) is None
+
+
+@pytest.mark.parametrize(("level", "there"), [(14, True), (6, False)])
+def test_enough_of_the_points_lie_on_it(level: int, there: bool) -> None:
+    """Thirty level points at heights of their own, and some at one height below them."""
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.uniform(-5, 5, (30 + level, 2)), np.r_[np.arange(1.0, 31.0), np.zeros(level)]]
+    features = SimpleNamespace(
+        up=np.array([0.0, 0.0, 1.0]), normals=np.tile([0.0, 0.0, 1.0], (len(points), 1)),
+        flatness=np.ones(len(points)), spacing=np.full(len(points), 0.1),
+    )  # fmt: skip
+    options = GroundPlaneOptions(least_support=20, trials=3000)
+    found = find_ground_plane(scene(points, 40.0), features, np.ones(len(points)), 0, options)  # type: ignore[arg-type]
+    assert (found is not None) == there
+    assert found is None or found.level == pytest.approx(0.0, abs=1e-9)
 
 
 def test_depth_of_the_ground_is_that_of_its_points() -> None:
