@@ -18,6 +18,7 @@ from mgf_engine.errors import BadInput, reason
 #: The packages that maps and many jobs need.
 TOWN = "pip install 'mgf-engine[town]'"
 _NAMES = ("id", "gml_id", "building_id", "osm_id", "identifier", "name")
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{k}" for port in ("COM", "LPT") for k in range(1, 10))}  # of Windows
 _LARGEST_JSON = 512 << 20  # bytes
 
 
@@ -134,5 +135,5 @@ def _checked(names: list[str], shapes: list[Any], crs: str | None, path: Path) -
 
 def plain_id(text: str) -> str:
     """Return a name that folders of every system can have."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("._")[:60]
-    return plain if plain.upper() not in ("CON", "PRN", "AUX", "NUL") else plain + "_"
+    plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", text).strip("._")[:60].rstrip("._")
+    return plain if plain.partition(".")[0].upper() not in _DEVICES else "_" + plain

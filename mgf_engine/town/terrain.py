@@ -199,7 +199,7 @@ def _ground_masks(scene: Scene, town: Path, hulls: list[Hull], eaves: float, met
 
 
 def main() -> int:
-    """Return the command of the Snakefile; returns the exit code."""
+    """Run the command of the Snakefile; returns the exit code."""
     from mgf_engine.native.library import set_threads
 
     parser = argparse.ArgumentParser()

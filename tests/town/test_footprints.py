@@ -18,11 +18,22 @@ from mgf_engine.errors import BadInput
 from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.options.config import make_config
 from mgf_engine.town import plan
-from mgf_engine.town.footprints import read_footprints
+from mgf_engine.town.footprints import plain_id, read_footprints
 from mgf_engine.town.place import place_footprints, transformed
 
 SQUARE = shapely.box(*(ORIGIN[:2] - (5, 4)), *(ORIGIN[:2] + np.array([5, 4])))
 PAIR = np.array([SQUARE, shapely.MultiPolygon([shapely.box(0, 0, 3, 3), shapely.box(5, 0, 7, 3)])], object)
+
+
+@pytest.mark.parametrize(
+    ("name", "folder"),
+    [
+        ("A 12/3 ä", "A_12_3"), ("..hidden.", "hidden"), ("ä", ""), ("con", "_con"), ("Lpt1.old", "_Lpt1.old"),
+        ("COM10", "COM10"), ("x" * 59 + ". y", "x" * 59),
+    ],
+)  # fmt: skip
+def test_names_are_those_of_folders_on_every_system(name: str, folder: str) -> None:
+    assert plain_id(name) == folder
 
 
 @pytest.fixture(scope="module")
