@@ -82,7 +82,7 @@ def segment_by_color(
 ) -> NDArray[np.int32]:
     """Segment the building by colour (Felzenszwalb and Huttenlocher 2004): labels from 0, -1 outside, int32 [H, W]."""
     count, result = 0, np.full(inside.shape, -1, np.int32)
-    around = _padded_box(inside, options)
+    around = _padded_box(inside, options.margin)
     held, building_here = np.ascontiguousarray(photo[around]), inside[around]
     lab = np.asarray(cv2.cvtColor(cv2.bilateralFilter(held, *_BILATERAL), cv2.COLOR_RGB2LAB))
     lab[~dilate(building_here, options.margin)] = 0  # one segment, quickly found
@@ -113,7 +113,7 @@ def select_segments(
         segments: label of each pixel, [H, W]; -1 for none.
         options: limits of size and contrast.
     """
-    around = _padded_box(inside, options)
+    around = _padded_box(inside, _RIM + 1)
     lab = rgb_to_lab(photo[around])
     total, sizes = int(inside.sum()), np.bincount(segments[segments >= 0])
     result = []
@@ -133,12 +133,12 @@ def select_segments(
     return result
 
 
-def _padded_box(inside: NDArray[np.bool_], options: PartOptions) -> tuple[slice, slice]:
-    """Return the box that holds the building and a margin."""
+def _padded_box(inside: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Return the box that holds the building and a margin, px."""
     rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     return (
-        slice(max(0, int(rows[0]) - options.margin), int(rows[-1]) + 1 + options.margin),
-        slice(max(0, int(columns[0]) - options.margin), int(columns[-1]) + 1 + options.margin),
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + 1 + margin),
+        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + 1 + margin),
     )
 
 

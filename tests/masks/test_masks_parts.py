@@ -4,6 +4,7 @@ import pytest
 from support.small_scene import make_scene, view
 
 from mgf_engine.masks.elements import LAST_ELEMENT, add_elements
+from mgf_engine.masks.part_options import PartOptions
 from mgf_engine.masks.parts import match_elements
 from mgf_engine.model.masks import BUILDING, FIRST_ELEMENT, IGNORE, building
 
@@ -107,6 +108,15 @@ def test_one_name_is_one_part_even_without_points():
     maps = [np.full((10, 20), 2, np.uint8)] * 2
     parts = match_elements(scene, maps, [{2: "door"}, {2: "door"}])
     assert [(p.name, sorted(p.elements)) for p in parts] == [("door", [(0, 2), (1, 2)])]
+
+
+@pytest.mark.parametrize("margin", [1, 3])
+def test_a_narrow_margin_is_one(facade: tuple[np.ndarray, np.ndarray], margin: int):
+    photo, labels = facade
+    wide, _ = add_elements(labels, photo, {}, None)
+    narrow, _ = add_elements(labels, photo, {}, None, PartOptions(margin=margin))
+    y, x = WINDOWS[0]
+    assert narrow[y + 8, x + 8] >= FIRST_ELEMENT and ((narrow == BUILDING) == (wide == BUILDING)).mean() > 0.95
 
 
 def test_what_is_far_from_the_building_changes_no_element(facade: tuple[np.ndarray, np.ndarray]):
