@@ -19,6 +19,7 @@ from mgf_engine.geometry.rasterize import render_mesh
 from mgf_engine.model.masks import building
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.photos import PhotoMemory
+from mgf_engine.system.memory import share
 from mgf_engine.texture.bake import barycentric, sample_reduced_photo
 from mgf_engine.texture.painting import Painting
 
@@ -26,12 +27,17 @@ AROUND = np.ones((3, 3), np.uint8)
 EDGE_WEIGHT = 1e-3  # what a photo counts where the point lies within a pixel of an outline: its colour is mixed there
 
 
+_KEPT_SHARE, _KEPT_MOST = 0.15, 4 << 30  # of the memory budget, and bytes, for depth maps that are kept
+_DepthRange = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+
+
 class Visibility:
-    """Tells which points each photo of a painting shows; the depth map of a view is rendered once and kept."""
+    """Tells which points each photo of a painting shows; depth maps of views are kept while they fit into memory."""
 
     def __init__(self, survey: Survey, painting: Painting) -> None:
         self._survey, self._painting = survey, painting
-        self._kept: dict[int, tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]] = {}
+        self._kept: dict[int, _DepthRange] = {}
+        self._room = share(_KEPT_SHARE, _KEPT_MOST)
 
     def __call__(self, view: int, points: Array, normals: Array) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Measure the size of points in a view, and tell which it shows away from outlines.
@@ -59,7 +65,7 @@ class Visibility:
         size = facing * (camera.fx / np.where(inside, depth, 1.0)) ** 2
         return np.where(inside, np.where(clear, size, EDGE_WEIGHT * size), 0.0), inside & clear
 
-    def _depth_range(self, view: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+    def _depth_range(self, view: int) -> _DepthRange:
         """Return the least and largest depth within a pixel, and 2 if all pixels there are building, 1 if one is.
 
         Args:
@@ -68,12 +74,16 @@ class Visibility:
         Returns:
             three maps, [H, W] each.
         """
-        if view not in self._kept:
-            camera, labels = self._painting.views[view], self._survey.masks.labels[self._painting.chosen[view]]
-            depth, mask = render_mesh(self._survey.normalised, camera).depth, building(labels).astype(np.uint8)
-            near, far = (np.asarray(f(depth, AROUND), np.float32) for f in (cv2.erode, cv2.dilate))
-            self._kept[view] = near, far, np.asarray(cv2.dilate(mask, AROUND) + cv2.erode(mask, AROUND), np.uint8)
-        return self._kept[view]
+        if view in self._kept:
+            return self._kept[view]
+        camera, labels = self._painting.views[view], self._survey.masks.labels[self._painting.chosen[view]]
+        depth, mask = render_mesh(self._survey.normalised, camera).depth, building(labels).astype(np.uint8)
+        near, far = (np.asarray(f(depth, AROUND), np.float32) for f in (cv2.erode, cv2.dilate))
+        found = near, far, np.asarray(cv2.dilate(mask, AROUND) + cv2.erode(mask, AROUND), np.uint8)
+        size = sum(part.nbytes for part in found)
+        if size <= self._room:  # views are asked for in turn: what does not fit is best made anew each time
+            self._kept[view], self._room = found, self._room - size
+        return found
 
 
 def paint(

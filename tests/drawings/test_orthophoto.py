@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import rasterio
 from support.finished_job import WINDOWS, FinishedJob
 
 from benchmarks.synthetic.house import OFFSET
+from mgf_engine.drawings import orthophoto
 from mgf_engine.drawings.facades import facade_through, find_facades
 from mgf_engine.drawings.geotiff import write_geotiff
 from mgf_engine.drawings.load import read_survey
@@ -20,6 +22,10 @@ from mgf_engine.drawings.model import DrawingFrame
 from mgf_engine.drawings.orthophoto import unseen_text
 from mgf_engine.drawings.project import plan_grid, render_grid
 from mgf_engine.errors import BadInput, is_full_disk
+from mgf_engine.geometry.rasterize import render_mesh
+from mgf_engine.model.mesh import Mesh
+from mgf_engine.texture.visibility import VisibilityOptions
+from tests.support.analytic import camera
 
 
 def edges_of_dark(dark: np.ndarray) -> list[tuple[float, float]]:
@@ -87,6 +93,32 @@ def test_heights_from_above_are_those_of_the_roof(drawings: Path) -> None:
         origin = np.array(file.tags()["ORIGIN"].split(), float)
     true = OFFSET[2] + 2.0 + 1.2 * (1 - np.abs(y + origin[1] - OFFSET[1]) / 1.5)
     assert np.abs(heights[rows, columns] - true).max() < 1e-3
+
+
+@pytest.mark.parametrize(("room", "rendered"), [(1 << 30, 1), (0, 3)])
+def test_a_point_is_seen_alike_whether_its_depth_map_is_kept_or_not(
+    room: int, rendered: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A square of 2 x 2 seen from 8 before it; its right half is building in the mask."""
+    view, made = camera((0.0, -8.0, 0.0)), []
+    corners = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    mesh = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32), np.zeros((4, 3), np.uint8))
+    label = np.zeros((view.height, view.width), np.uint8)
+    label[:, view.width // 2 :] = 1
+    survey = SimpleNamespace(normalised=mesh, masks=SimpleNamespace(labels=[label]))
+    painting = SimpleNamespace(views=[view], chosen=[0], visibility=VisibilityOptions())
+    monkeypatch.setattr(orthophoto, "share", lambda part, most: room)
+    monkeypatch.setattr(orthophoto, "render_mesh", lambda *given: made.append(1) or render_mesh(*given))
+    seen = orthophoto.Visibility(survey, painting)  # type: ignore[arg-type]
+    pixel, front = 8 / view.fx, np.tile([0.0, -1.0, 0.0], (5, 1))
+    points = np.array([[0.5, 0, 0], [0.5 * pixel, 0, 0], [-0.5, 0, 0], [0.5, 1, 0], [0.5, 0, 0]])
+    front[4] = (0.0, 1.0, 0.0)  # faces away
+    for _ in range(3):
+        size, clear = seen(0, points, front)
+        whole = float(np.cos(np.arctan(0.5 / 8)) / pixel**2)
+        np.testing.assert_allclose(size, [whole, orthophoto.EDGE_WEIGHT / pixel**2, 0, 0, 0], rtol=1e-3)
+        assert clear.tolist() == [True, False, False, False, False]
+    assert len(made) == rendered
 
 
 def test_a_facade_without_photos_is_said(finished: FinishedJob) -> None:
