@@ -69,9 +69,7 @@ class Outline:
 def height_over_ground(points: Array, metre: float, options: OutlineOptions = OutlineOptions()) -> Array:
     """Compute the height of each point [P, 3] (local frame), [P]: over an opening of the lowest points wider than
     buildings."""
-    low = points[:, :2].min(0)
-    cells = np.floor((points[:, :2] - low) / (options.ground_cell * metre)).astype(np.int64)
-    cells = np.minimum(cells, 4000)  # stray points far away are left to its rim
+    cells = _cells(points[:, :2], options.ground_cell * metre, 4000)
     floor = np.full(tuple(cells.max(0) + 1), np.inf)
     sound = ~_below_neighbours(points, metre, options)
     np.minimum.at(floor, tuple(cells[sound].T), points[sound, 2])
@@ -84,6 +82,16 @@ def height_over_ground(points: Array, metre: float, options: OutlineOptions = Ou
         filled - trend, size=max(3, round(options.widest / options.ground_cell)), mode="nearest"
     )
     return np.asarray(points[:, 2] - opened[tuple(cells.T)])
+
+
+def _cells(plan: Array, side: float, most: int) -> NDArray[np.int64]:
+    """Return the cells of a grid that points [P, 2] lie in, from 0 to ``most``, [P, 2].
+
+    Where they reach farther the grid lies around their median, and stray points far away are left to its rim.
+    """
+    low, high = plan.min(0), plan.max(0)
+    around = np.clip(np.median(plan, axis=0) - 0.5 * most * side, low, np.maximum(low, high - most * side))
+    return np.clip(np.floor((plan - around) / side), 0, most).astype(np.int64)
 
 
 def _trend(floor: Array, known: NDArray[np.bool_], options: OutlineOptions) -> Array:
@@ -121,8 +129,7 @@ def find_outlines(points: Array, metre: float, options: OutlineOptions = Outline
     kept = planar > options.scattered  # leaves would connect houses
     rows, planar = rows[kept], planar[kept]
     plan = points[rows, :2]
-    low = plan.min(0) - 3 * options.cell * metre
-    cells = np.minimum(np.floor((plan - low) / (options.cell * metre)).astype(np.int64), 8000)
+    cells = 3 + _cells(plan, options.cell * metre, 8000)
     taken = np.zeros(tuple(cells.max(0) + 4), bool)
     taken[tuple(cells.T)] = True
     closed = ndimage.binary_closing(np.pad(taken, 3), np.ones((3, 3)))[3:-3, 3:-3]

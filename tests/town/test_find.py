@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mgf_engine.town.find import OutlineOptions, find_outlines, outline_of
+from mgf_engine.town.find import OutlineOptions, find_outlines, height_over_ground, outline_of
 
 #: An L of 16 m by 12 m, turned by 20 degrees.
 _L = shapely.affinity.rotate(shapely.Polygon([(0, 0), (16, 0), (16, 7), (8, 7), (8, 12), (0, 12)]), 20)
@@ -40,6 +40,17 @@ def test_a_court_wider_than_a_gap_stays_open() -> None:
     outline = outline_of(points, 1.0)
     assert outline.intersection(court).area < 0.2 * court.area
     assert outline_of(points, 1.0, OutlineOptions(widest_gap=12.0)).intersection(court).area > 0.9 * court.area
+
+
+@pytest.mark.parametrize("east", [-20_000.0, 20_000.0])
+def test_a_stray_point_far_away_makes_no_difference(east: float) -> None:
+    """Points of the ground, which rises from west to east, and of a roof."""
+    rng = np.random.default_rng(1)
+    plan = rng.uniform(-40, 40, (4000, 2))
+    points = np.column_stack([plan, 0.2 * plan[:, 0]])
+    points[(plan > 0).all(1) & (plan < 8).all(1), 2] += 6.0
+    heights = height_over_ground(np.concatenate([points, [[east, 0.0, 3.0]]]), 1.0)
+    np.testing.assert_allclose(heights[:-1], height_over_ground(points, 1.0), atol=0.5)
 
 
 def test_too_few_points_are_no_building() -> None:
