@@ -180,7 +180,8 @@ def choose_photos(
     low = max(hull.low, hull.low + 0.1 * (hull.high - hull.low))
     spots, normals = sample_prism(hull.polygon, low, hull.high, options.spacing * metre)
     outside = _inside_neighbours(spots + options.party_wall * metre * normals, hull, town.hulls)
-    spots, normals = spots[~outside], normals[~outside]
+    if not outside.all():  # else it is part of another building, such as its tower
+        spots, normals = spots[~outside], normals[~outside]
     places = town.normalised(spots)
     turned = town.normalised(spots + normals * metre) - places
     seen = _measure_visibility(town.scene, town.drawn, number, places, turned, options)

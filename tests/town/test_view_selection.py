@@ -76,6 +76,13 @@ def test_what_another_house_hides_does_not_count() -> None:
     assert choose_photos(town([south], (HOUSE, TOWER)), 1, 1, OPTIONS).photos == [0]
 
 
+@pytest.mark.parametrize(("height", "photos"), [(4.0, 5), (1.0, 0)])
+def test_a_part_inside_another_footprint_is_seen_where_it_rises_above(height: float, photos: int) -> None:
+    """Maps have towers within buildings, and buildings twice."""
+    hall, part = (Hull(str(s), shapely.box(-s, -s, s, s), 0.0, z, 50) for s, z in ((2.0, 2.0), (0.5, height)))
+    assert len(choose_photos(town(around(8), (hall, part)), 1, 5, OPTIONS).photos) == photos
+
+
 @pytest.mark.parametrize(("gap", "asked_for"), [(0.0, 64), (0.5, 64), (1.5, 80)])
 def test_a_wall_close_to_a_neighbour_is_not_asked_for(gap: float, asked_for: int) -> None:
     """Two level cameras before each of three walls, a neighbour before the fourth; all have 16 spots."""
