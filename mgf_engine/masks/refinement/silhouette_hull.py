@@ -126,7 +126,7 @@ def _may_be_solid(
 ) -> NDArray[np.bool_]:
     centres, radius = hull.centres, hull.side * np.sqrt(3) / 2
     fewest = max(options.photos, round(options.photo_share * len(summed)))
-    free, solid, seen = (np.zeros(len(centres), np.int32) for _ in range(3))
+    free, solid = np.zeros(len(centres), np.int32), np.zeros(len(centres), np.int32)
     for view, empty_sums, solid_sums in summed:
         uv, depth = view.project(centres)
         before = depth > 2 * radius
@@ -136,13 +136,9 @@ def _may_be_solid(
         high = np.ceil(np.where(before[:, None], uv + reach[:, None], 0)).clip(-1, frame + 1).astype(np.int64)
         inside = before & (low >= 0).all(1) & (high <= frame).all(1)
         low, high = low.clip(0, frame), high.clip(0, frame)
-        area = (high - low).prod(1)
-        sky = inside & (_within(empty_sums, low, high) == area)
-        something = _within(solid_sums, low, high) > 0
-        free += sky
-        solid += (before & something) | (np.abs(depth) <= 2 * radius)
-        seen += inside & (sky | something)
-    return np.asarray((free <= 1) & (solid >= np.maximum(fewest, 0.5 * seen)), bool)
+        free += inside & (_within(empty_sums, low, high) == (high - low).prod(1))
+        solid += (before & (_within(solid_sums, low, high) > 0)) | (np.abs(depth) <= 2 * radius)
+    return np.asarray((free <= 1) & (solid >= fewest), bool)
 
 
 def _sums(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
