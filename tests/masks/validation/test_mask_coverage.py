@@ -109,5 +109,6 @@ def test_a_hole_that_shows_building_and_ground_is_not_ignored_as_a_whole(ground:
     fit = MaskCoverage(np.array([-5.0, -5.0]), np.array([True, False]), np.array([False, ground]))
     (result,) = mark_ignored(scene, [label], fit)
     assert result[12, 12] == IGNORE  # around what its mask leaves out
+    assert result[12, 12 + 6] == IGNORE and result[12, 12 + 8] == left  # 2 px beyond its distance to the outline, 5 px
     assert result[12, 28] == left  # far from it, in the same hole
     assert (result[label == 1] == 1).all()
