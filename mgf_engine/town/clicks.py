@@ -116,6 +116,8 @@ def suggest_clicks(
         choice: its photos.
         options: number of clicks, and how far they keep from edges.
     """
+    if not choice.photos:
+        return {}
     scene, drawn, hull = town.scene, town.drawn, town.hulls[number]
     classes = classify_points(hull, town.hulls, town.points, town.metre, options)
     alone = _mesh(town, hull.polygon, hull.low - 0.3 * town.metre, hull.high)

@@ -13,6 +13,7 @@ from support.small_scene import make_scene
 
 from mgf_engine.georef.model import Georeference
 from mgf_engine.model.scene import View
+from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.hulls import Hull
 from mgf_engine.town.view_selection import BuildingViewOptions, HullScene, choose_photos, small_view
 
@@ -37,6 +38,11 @@ def test_a_house_that_no_photo_shows_has_none() -> None:
     away = [camera((8.0, 0.0, 2.0), (16.0, 0.0, 2.0)), camera((0.0, 8.0, 2.0), (0.0, 16.0, 2.0))]
     found = choose_photos(town(away), 0, 5, OPTIONS)
     assert (found.photos, found.share, found.seen, found.candidates) == ([], 0.0, 0.0, 0)
+
+
+def test_where_no_photo_shows_a_house_no_clicks_are_suggested() -> None:
+    away = town([camera((8.0, 0.0, 2.0), (16.0, 0.0, 2.0))] * 3)
+    assert suggest_clicks(away, 0, choose_photos(away, 0, 5, OPTIONS)) == {}
 
 
 def test_all_photos_of_a_ring_are_candidates_and_at_most_so_many_are_taken() -> None:
