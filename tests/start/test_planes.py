@@ -55,6 +55,16 @@ def test_after_the_maximum_no_plane_is_found_beside_a_parallel_one() -> None:
     assert len(offsets) == 2 and np.ptp(offsets) > PlaneOptions().rectangle_layer * PIXEL
 
 
+def test_two_long_lines_side_by_side_and_a_short_one_across_make_a_plane() -> None:
+    """The short line alone tells the plane to some degrees only: a metre on it is far off the other long line."""
+    sides = [line([0, y, 0], [2, y, 0]) for y in (0, 2)]
+    across = line([1, 1.0, -0.004], [1, 1.12, 0.004])
+    found = fit_planes_to_lines([*sides, across], PIXEL, PlaneOptions())
+    assert len(found.planes) == 1 and found.members[0].tolist() == [0, 1, 2]
+    np.testing.assert_allclose(np.abs(found.planes[0]), [0, 0, 1, 0], atol=1e-2)
+    assert len(fit_planes_to_lines(sides, PIXEL, PlaneOptions()).planes) == 0  # nothing runs another way
+
+
 def test_directions_are_those_of_the_lines() -> None:
     d = np.array([[1.0, 0, 0], [-1, 0.01, 0], [0, 1, 0], [0, 0, 1]])
     d /= np.linalg.norm(d, axis=1, keepdims=True)

@@ -20,8 +20,13 @@ SHORT, MASKED, ONCE_MASKED, OTHER = range(4)  # corners that differ from the res
 OPTIONS = replace(ViewOptions(), hull=replace(ViewOptions().hull, least_points=3))
 
 
-def prepare(indices: list[int], label: int = BACKGROUND, options: ViewOptions = OPTIONS) -> StartViews:
-    """A cube whose first corner two photos saw; the masks of three photos lack the second, that of one the third."""
+def prepare(
+    indices: list[int], label: int = BACKGROUND, options: ViewOptions = OPTIONS, half: tuple[int, ...] = ()
+) -> StartViews:
+    """A cube whose first corner two photos saw; the masks of three photos lack the second, that of one the third.
+
+    Of the views ``half`` the mask has the right half only.
+    """
     pixels = [view.project(CORNERS)[0] for view in VIEWS]
     tracks = [[(v, *pixels[v][k]) for v in range(2 if k == SHORT else 6)] for k in range(8)]
     labels = [np.full((view.height, view.width), BUILDING, np.uint8) for view in VIEWS]
@@ -29,6 +34,8 @@ def prepare(indices: list[int], label: int = BACKGROUND, options: ViewOptions = 
         for v in photos:
             column, row = np.floor(pixels[v][corner]).astype(int)
             labels[v][row, column] = label
+    for v in half:
+        labels[v][:, : VIEWS[v].width // 2] = BACKGROUND
     on_building = np.arange(8) != OTHER
     masks = MaskSet(tuple(labels), np.ones(6, bool), np.ones(6, np.float32), on_building)
     return start_views(make_scene(VIEWS, CORNERS, tracks), masks, indices, options)
@@ -61,3 +68,9 @@ def test_a_pixel_is_that_of_the_photos_at_the_points() -> None:
     views = prepare([0, 1, 2, 3, 4, 5])
     depths = np.concatenate([view.project(views.points)[1] for view in VIEWS])
     assert views.pixel == pytest.approx(float(np.median(depths)) / VIEWS[0].fx)
+
+
+@pytest.mark.parametrize("half", [(), (3,), (0, 4)])
+def test_masks_that_cut_off_half_of_the_building_call_nothing_outside(half: tuple[int, ...]) -> None:
+    sizes = prepare([0, 1, 2, 3, 4, 5], half=half).silhouettes.sizes
+    assert [k for k, size in enumerate(sizes) if not size.any()] == list(half)
