@@ -133,6 +133,7 @@ class MGF_OT_show_drawing(Operator):
 
     bl_idname = "mgf.show_drawing"
     bl_label = "Show Drawing"
+    bl_options = {"REGISTER", "UNDO"}
 
     name: bpy.props.StringProperty(name="File", description="File of the drawing", options={"SKIP_SAVE"})
 

@@ -12,6 +12,7 @@ from ..common.views import draw_texture
 from ..job_folder import has_job_file, job_folder, job_name
 from ..jobs.operators import FinishedJobOperator, submit
 from ..jobs.start import tool_job
+from ..results.field import leave_field
 from ..scene_import.imported_scene import ImportedScene
 from .index import FILE, FOLDER, read_levels
 from .lods import import_levels, levels_of, show_level
@@ -61,6 +62,7 @@ class MGF_OT_import_lods(Operator):
         folder, imported = job_folder(context.scene), ImportedScene.find(context.scene)
         found = import_levels(imported, read_levels(folder), job_name(folder))
         select_only(context, found[0].parent)
+        leave_field(context.scene, imported)
         draw_texture(context.scene, True)
         faces = ", ".join(f"{len(o.data.polygons):,}" for o in found)
         self.report({"INFO"}, tr("{count} levels of {faces} faces", count=len(found), faces=faces))
@@ -81,7 +83,9 @@ class MGF_OT_show_lod(Operator):
         return cls.needs(imported is not None and levels_of(imported), "Import the levels of detail first")
 
     def run(self, context: bpy.types.Context) -> None:
-        show_level(ImportedScene.find(context.scene), self.level)
+        imported = ImportedScene.find(context.scene)
+        show_level(imported, self.level)
+        leave_field(context.scene, imported)
 
 
 CLASSES = (MGF_OT_make_models, MGF_OT_import_lods, MGF_OT_show_lod)

@@ -69,6 +69,7 @@ class MGF_OT_resume(JobOperator):
 
     bl_idname = "mgf.resume"
     bl_label = "Resume"
+    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

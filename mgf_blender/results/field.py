@@ -12,7 +12,8 @@ from ..common.errors import UserError
 from ..common.materials import show_points
 from ..common.meshes import make_mesh, prepare_mesh
 from ..common.ply import read_ply
-from ..scene_import.imported_scene import FIELD_KEY, ImportedScene
+from ..common.views import follow_paint
+from ..scene_import.imported_scene import FIELD_KEY, ImportedScene, hide, is_shown
 
 #: First band of the spherical harmonics, 1 / (2 sqrt(pi)): colour = 0.5 + SH0 * f_dc.
 _SH0 = 0.28209479177387814
@@ -44,3 +45,24 @@ def import_field(imported: ImportedScene, path: Path) -> bpy.types.Object:
     obj[FIELD_KEY] = True
     show_points(obj, _SIZE * imported.radius)
     return obj
+
+
+def show_field(scene: bpy.types.Scene, imported: ImportedScene) -> None:
+    """Show the field in its colours, without the mesh: most of it lies on that or inside."""
+    for obj in (*imported.objects("Mesh"), *imported.objects("LODs")):
+        hide(obj)
+    follow_paint(scene, texture=False, lit=False)
+
+
+def leave_field(scene: bpy.types.Scene, imported: ImportedScene) -> None:
+    """Hide the field, where it is shown, and light the mesh again that is shown in its place."""
+    fields = shown_fields(imported)
+    for obj in fields:
+        hide(obj)
+    if fields:
+        follow_paint(scene, imported.shows_texture, lit=True)
+
+
+def shown_fields(imported: ImportedScene) -> list[bpy.types.Object]:
+    """Return the field's object where the viewports show it."""
+    return [obj for obj in imported.objects("Points") if obj.get(FIELD_KEY) and is_shown(obj)]

@@ -32,6 +32,7 @@ from ..scene_import.frame import SceneFrame, make_frame, turn_as_held
 from ..scene_import.imported_scene import ImportedScene, hide
 from ..scene_import.startup_cube import remove_startup_cube
 from .delivery import Delivery, ResultView, read_delivery
+from .field import leave_field
 from .parts import Parts, assign_parts, read_parts
 from .surface import show
 from .texture import check_picture, load_texture, read_uv, remove_unused_textures
@@ -186,6 +187,7 @@ def _replace_mesh(
     name = job_name(content.delivery.folder)
     obj = _add_mesh(imported, name, mesh or make_mesh(name, content.mesh, SHARP_ANGLE), content.parts, texture)
     remove_unused_textures()
+    leave_field(scene, imported)
     if texture is not None or had_texture:
         draw_texture(scene, texture is not None)
     for points in imported.objects("Points"):

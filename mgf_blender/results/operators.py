@@ -22,7 +22,7 @@ from ..scene_import.imported_scene import ImportedScene, hide
 from ..scene_import.operators import SceneOperator
 from . import async_import, surface, view_mode
 from .delivery import read_delivery
-from .field import import_field
+from .field import import_field, leave_field, show_field, shown_fields
 from .load import fitting_scene, import_result
 from .runs import old_runs, remove_runs, shown_runs
 
@@ -96,7 +96,7 @@ class MGF_OT_import_result(FileOperator):
 
 
 class MGF_OT_import_field(_NeedsJob):
-    """Import the Gaussian field as colored points"""
+    """Import the Gaussian field as colored points in place of the mesh; Texture or Colors shows that again"""
 
     bl_idname = "mgf.import_field"
     bl_label = "Import Field as Points"
@@ -107,7 +107,8 @@ class MGF_OT_import_field(_NeedsJob):
         imported = ImportedScene.find(context.scene)
         if delivery.field is None or imported is None:
             raise UserError("The job has no field or its scene is gone; import the result first.")
-        import_field(imported, delivery.field)
+        select_only(context, import_field(imported, delivery.field))
+        show_field(context.scene, imported)
 
 
 class MGF_OT_look_through(SceneOperator):
@@ -162,6 +163,7 @@ class MGF_OT_show_in_camera(Operator):
     def run(self, context: bpy.types.Context) -> None:
         imported = ImportedScene.find(context.scene)
         view_mode.show(imported, context.scene.camera, self.kind)
+        leave_field(context.scene, imported)
         if self.kind != "MESH":
             enter_camera(context)
         imported.root[SHOWN_KEY] = self.kind  # the next camera goes on with it
@@ -198,6 +200,7 @@ class MGF_OT_paint_mesh(Operator):
             hide(obj, False)
         for level in imported.objects("LODs"):
             hide(level)  # the finest lies on the mesh
+        leave_field(context.scene, imported)
         draw_texture(context.scene, self.kind == "TEXTURE")
 
 
@@ -250,14 +253,14 @@ CLASSES = (
 )  # fmt: skip
 
 
-_with_mesh: set[str] = set()  # names of scenes, when an undo began
+_lit: set[str] = set()  # names of the scenes that showed a mesh, not points, when an undo began
 
 
 @bpy.app.handlers.persistent
 def before_undo(*_: object) -> None:
-    """Note which scenes have a mesh (handler)."""
-    _with_mesh.clear()
-    _with_mesh.update(scene.name for scene in bpy.data.scenes if _has_mesh(ImportedScene.find(scene)))
+    """Note which scenes show a mesh (handler)."""
+    _lit.clear()
+    _lit.update(scene.name for scene in bpy.data.scenes if _shows_mesh(ImportedScene.find(scene)))
 
 
 @bpy.app.handlers.persistent
@@ -267,12 +270,12 @@ def after_undo(*_: object) -> None:
     for scene in bpy.data.scenes:
         imported = ImportedScene.find(scene)
         if imported is not None:
-            lit, was_lit = _has_mesh(imported), scene.name in _with_mesh
-            follow_paint(scene, imported.shows_texture, lit if lit != was_lit else None)
+            lit, was_lit = _shows_mesh(imported), scene.name in _lit
+            follow_paint(scene, lit and imported.shows_texture, lit if lit != was_lit else None)
 
 
-def _has_mesh(imported: ImportedScene | None) -> bool:
-    return imported is not None and bool(imported.objects("Mesh"))
+def _shows_mesh(imported: ImportedScene | None) -> bool:
+    return imported is not None and bool(imported.objects("Mesh")) and not shown_fields(imported)
 
 
 _HANDLERS = (

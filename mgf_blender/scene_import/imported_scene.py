@@ -212,6 +212,16 @@ def hide(obj: bpy.types.Object, hidden: bool = True) -> None:
                 obj.hide_set(hidden, view_layer=layer)
 
 
+def is_shown(obj: bpy.types.Object) -> bool:
+    """Tell whether a view layer shows an object."""
+    for scene in obj.users_scene:
+        for layer in scene.view_layers:
+            with suppress(RuntimeError):  # as above
+                if not obj.hide_get(view_layer=layer):
+                    return True
+    return False
+
+
 def _remove_unused(data: bpy.types.ID | None) -> None:
     if data is None or data.users > 0:
         return

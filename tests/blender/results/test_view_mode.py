@@ -14,6 +14,7 @@ import synthetic
 from layouts import draw
 
 from mgf_blender.common.ply import read_ply
+from mgf_blender.common.views import follow_paint
 from mgf_blender.results import view_mode
 from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.scene_import.imported_scene import ImportedScene
@@ -185,6 +186,41 @@ def test_field_comes_as_colored_points(imported, house):
     (house.job / "field.ply").write_bytes((house.job / "mesh.ply").read_bytes())
     with pytest.raises(RuntimeError, match="not a Gaussian field"):
         bpy.ops.mgf.import_field()
+
+
+def test_the_field_is_shown_in_its_colours_in_place_of_the_mesh(imported, house):
+    """It lay in the mesh as grey specks."""
+    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 5\n" + "".join(f"property float {n}\n" for n in names)
+    (house.job / "field.ply").write_bytes(head.encode() + b"end_header\n" + np.zeros((5, 10), "<f4").tobytes())
+    content = json.loads((house.job / "deliver.json").read_text())
+    (house.job / "deliver.json").write_text(json.dumps({**content, "field": "field.ply"}))
+
+    def shown() -> tuple[bool, bool, str, str]:
+        (shading,) = [a.spaces.active.shading for a in bpy.context.screen.areas if a.type == "VIEW_3D"]
+        again = ImportedScene.find(bpy.context.scene)
+        (mesh,), fields = again.objects("Mesh"), [o for o in again.objects("Points") if o.get("mgf_field")]
+        return not mesh.hide_get(), any(not o.hide_get() for o in fields), shading.color_type, shading.light
+
+    follow_paint(bpy.context.scene, texture=True, lit=True)
+    bpy.ops.ed.undo_push(message="mesh")
+    as_mesh, as_field = (True, False, "VERTEX", "STUDIO"), (False, True, "VERTEX", "FLAT")
+    bpy.ops.mgf.import_field()
+    assert shown() == as_field and bpy.context.view_layer.objects.active.get("mgf_field")
+    bpy.ops.ed.undo_push(message="field")
+    bpy.ops.ed.undo()
+    assert shown() == as_mesh
+    bpy.ops.ed.redo()
+    assert shown() == as_field
+    for back in (
+        lambda: bpy.ops.mgf.paint_mesh(kind="COLOR"),
+        lambda: bpy.ops.mgf.show_in_camera(kind="MESH"),
+        lambda: bpy.ops.mgf.import_result(directory=str(house.job)),
+    ):
+        bpy.ops.mgf.import_field()
+        assert shown() == as_field
+        back()
+        assert shown() == as_mesh
 
 
 def test_a_field_in_map_coordinates_keeps_its_precision(addon, tmp_path):
