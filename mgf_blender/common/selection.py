@@ -16,15 +16,20 @@ def active_object(context: bpy.types.Context) -> bpy.types.Object | None:
     return context.view_layer.objects.active
 
 
-def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Make an object the only selected and the active one, where the view layer shows it; Edit Mode and others of the
-    object that was active are left, for it would stay in them."""
+def select_none(context: bpy.types.Context) -> None:
+    """Deselect all objects; Edit Mode and others are left, for the active object would stay in them."""
     layer = context.view_layer
-    before = layer.objects.active
-    if before is not None and before != obj and before.mode != "OBJECT":
+    active = active_object(context)
+    if active is not None and active.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
-    for other in selected_objects(context):
-        other.select_set(False, view_layer=layer)
+    for obj in selected_objects(context):
+        obj.select_set(False, view_layer=layer)
+
+
+def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Make an object the only selected and the active one, where the view layer shows it; other modes are left."""
+    layer = context.view_layer
+    select_none(context)
     try:
         obj.hide_set(False, view_layer=layer)
         obj.select_set(True, view_layer=layer)

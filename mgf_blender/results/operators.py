@@ -10,7 +10,7 @@ import bpy
 from ..common.errors import UserError, sentence
 from ..common.files import replace_file
 from ..common.operators import FileOperator, Operator
-from ..common.selection import active_object, select_only
+from ..common.selection import active_object, select_none, select_only
 from ..common.text import tr
 from ..common.views import draw_texture, enter_camera, follow_paint
 from ..job_folder import has_job_file, job_folder
@@ -107,7 +107,8 @@ class MGF_OT_import_field(_NeedsJob):
         imported = ImportedScene.find(context.scene)
         if delivery.field is None or imported is None:
             raise UserError("The job has no field or its scene is gone; import the result first.")
-        select_only(context, import_field(imported, delivery.field))
+        import_field(imported, delivery.field)
+        select_none(context)  # a selected point is drawn in the colour of the selection
         show_field(context.scene, imported)
 
 

@@ -11,7 +11,7 @@ from ..common.text import N_, draw_sentence, tr
 from ..job_folder import has_job_file, job_folder
 from ..jobs.import_status import draw_waiting
 from ..scene_import.cameras import PHOTO_KEY, SHOWN_KEY
-from ..scene_import.imported_scene import ImportedScene
+from ..scene_import.imported_scene import ImportedScene, is_shown
 from . import surface, view_mode
 from .runs import old_runs
 
@@ -57,7 +57,7 @@ def _draw_mesh(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column(align=True)
     text = tr("{name}: {count:,} faces", name=obj.name, count=len(obj.data.polygons))
     draw_sentence(column, text, "MESH_DATA")
-    kinds, now = surface.available(obj.data), surface.shown(obj.data)
+    kinds, now = surface.available(obj.data), surface.shown(obj.data) if is_shown(obj) else ""
     if len(kinds) < 2:
         return
     grid = column.grid_flow(columns=2, row_major=True, even_columns=True, align=True)  # in one row words are cut off

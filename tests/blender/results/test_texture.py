@@ -21,7 +21,7 @@ from mgf_blender.results.panel import MGF_PT_results
 from mgf_blender.results.picture import render_picture
 from mgf_blender.results.surface import available, shown
 from mgf_blender.results.texture import read_uv
-from mgf_blender.scene_import.imported_scene import ImportedScene
+from mgf_blender.scene_import.imported_scene import ImportedScene, hide
 
 FACES = len(synthetic.house_mesh()[1])
 GREEN, BLUE = (20, 200, 40), (20, 40, 220)
@@ -164,6 +164,8 @@ def test_kinds_to_and_fro(panel):
         bpy.ops.mgf.paint_mesh(kind=kind)
         assert (shown(panel), set(sources(panel)), drawn_in()) == (kind, {source}, {drawn})
         assert ("Violet" in draw(MGF_PT_results).said) == (kind in {"CONFIDENCE", "VIEWS"})
+        hide(ImportedScene.find(bpy.context.scene).objects("Mesh")[0])  # then its colors are not those in the viewport
+        assert "Violet" not in draw(MGF_PT_results).said
     assert panel.color_attributes.active_color.name == "Views Colors"
 
 

@@ -206,7 +206,7 @@ def test_the_field_is_shown_in_its_colours_in_place_of_the_mesh(imported, house)
     bpy.ops.ed.undo_push(message="mesh")
     as_mesh, as_field = (True, False, "VERTEX", "STUDIO"), (False, True, "VERTEX", "FLAT")
     bpy.ops.mgf.import_field()
-    assert shown() == as_field and bpy.context.view_layer.objects.active.get("mgf_field")
+    assert shown() == as_field and not bpy.context.view_layer.objects.selected
     bpy.ops.ed.undo_push(message="field")
     bpy.ops.ed.undo()
     assert shown() == as_mesh
