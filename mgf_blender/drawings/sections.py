@@ -92,11 +92,11 @@ def plane_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _file_name(name: str, taken: set[str]) -> str:
-    """Return a name that files may have, and no other plane has."""
+    """Return a name that files may have, and no other plane has: on Windows and macOS not in other cases either."""
     plain = re.sub(r"[^\w-]+", "-", name).strip("-") or "section"
-    while plain in taken:
+    while plain.casefold() in taken:
         plain += "-2"
-    taken.add(plain)
+    taken.add(plain.casefold())
     return plain
 
 

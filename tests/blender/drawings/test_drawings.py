@@ -112,6 +112,15 @@ def test_pictures_have_previews(finished, engine, house, monkeypatch):
     assert preview_icon(path.with_name("none.png")) == 0
 
 
+def test_planes_whose_names_differ_in_case_alone_have_files_of_their_own(finished, engine, house):
+    """Windows and macOS take Cut and cut for one file."""
+    for name in ("Cut", "cut"):
+        bpy.ops.mgf.add_section()
+        bpy.context.view_layer.objects.active.name = name
+    bpy.ops.mgf.make_drawings()
+    assert sorted(sections(house)) == ["Cut", "cut-2"]
+
+
 def test_options_reach_the_engine(finished, house):
     wanted = finished.drawings
     wanted.kinds = {"sheets", "sections"}
