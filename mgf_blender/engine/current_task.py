@@ -6,6 +6,7 @@ At most one runs; the last one stays, because the preferences say how it ended.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,7 +85,8 @@ def end() -> None:
     """Stop the running task with its timer, and forget it: for disabling the add-on."""
     if _current is not None:
         _current.task.cancel()
-        _current.task.run()  # what was installed so far is removed
+        while _drain(_current.task):  # what was installed so far is removed
+            time.sleep(0.05)
     forget()
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
