@@ -89,8 +89,10 @@ def enter_camera(context: bpy.types.Context) -> None:
 
 
 def _viewports(context: bpy.types.Context) -> list[bpy.types.Area]:
-    """Return the 3D viewports of the window; none where Blender runs without one."""
-    areas = context.screen.areas if context.screen is not None else ()
+    """Return the 3D viewports of the window; none where Blender runs without one, or where it shows another scene."""
+    if context.screen is None or (context.window is not None and context.window.scene != context.scene):
+        return []
+    areas = context.screen.areas
     return [area for area in areas if area.type == "VIEW_3D" and area.spaces.active.region_3d is not None]
 
 

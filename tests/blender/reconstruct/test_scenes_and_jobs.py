@@ -13,6 +13,7 @@ from jobs import pump_until
 from mgf_blender.common import runner
 from mgf_blender.common.job import DONE
 from mgf_blender.jobs import import_status
+from mgf_blender.operator_calls import run_in
 from mgf_blender.reconstruct import start
 from mgf_blender.reconstruct.start import make_job
 from mgf_blender.results import async_import
@@ -86,6 +87,20 @@ def test_two_scenes_keep_to_themselves(ready, engine, house):
     bpy.ops.mgf.reconstruct()
     assert first.mgf.key != second.mgf.key
     assert len(ImportedScene.find(second).objects("Mesh")) == 1 and not ImportedScene.find(first).objects("Mesh")
+
+
+def test_a_result_for_a_scene_that_is_not_shown_leaves_the_view_of_the_other_alone(ready, house):
+    """It turned to where the mesh would be, and drew the points there in another light."""
+    first = bpy.context.scene
+    bpy.ops.scene.new(type="NEW")
+    (space,) = [area.spaces.active for area in bpy.context.screen.areas if area.type == "VIEW_3D"]
+    space.shading.light = "FLAT"
+    view = space.region_3d
+    before = tuple(view.view_location), view.view_distance, space.shading.color_type, space.shading.light
+    assert not run_in(first, "import_result", directory=str(house.job))
+    assert ImportedScene.find(first).objects("Mesh")
+    after = tuple(view.view_location), view.view_distance, space.shading.color_type, space.shading.light
+    assert after == before
 
 
 def test_a_copied_scene_and_the_job_of_the_first(ready, engine, house):
