@@ -166,7 +166,7 @@ def _point(table: Table, row: int, at: dict[str, int], accuracy: float) -> Contr
     across = _accuracy(table, row, at.get("accuracy"))
     along = _accuracy(table, row, at.get("vertical")) or across
     role = table.text(row, at.get("role"))
-    if not at.get("role") and not table.columns and number_in(table.text(row, 4)) is None:
+    if not role and not table.columns and number_in(table.text(row, 4)) is None:
         role = table.text(row, 4)  # no accuracy between height and role
     enabled = table.text(row, at.get("enabled")).lower() not in ("0", "false", "no")
     check = role.lower() in CHECK_WORDS or not enabled

@@ -12,6 +12,7 @@ from pathlib import Path
 from mgf_engine.errors import BadInput
 
 _MOST_BYTES = 16 << 20
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def read_text(path: Path) -> str:
 def number_in(text: str) -> float | None:
     """Return the number a field holds, with decimal point or comma; None where it holds none."""
     text = text.strip()
-    if re.fullmatch(r"[+-]?\d+,\d+", text):
+    if _DECIMAL_COMMA.fullmatch(text):
         text = text.replace(",", ".")
     try:
         found = float(text)
@@ -107,10 +108,17 @@ def number_in(text: str) -> float | None:
 
 def _separator(lines: list[str]) -> str:
     """Detect the delimiter of the fields: semicolon, tab or comma if most lines hold it, else a space."""
-    for sign in (";", "\t", ","):
-        if lines and sum(sign in line for line in lines) > len(lines) / 2:
+    for sign in (";", "\t"):
+        if 2 * sum(sign in line for line in lines) > len(lines):
             return sign
-    return " "
+    commas = sum("," in line and not _has_decimal_commas(line) for line in lines)
+    return "," if 2 * commas > len(lines) else " "
+
+
+def _has_decimal_commas(line: str) -> bool:
+    """Tell whether a line is three fields or more between blanks whose commas are all decimal ones."""
+    fields = line.split()
+    return len(fields) > 2 and all("," not in field or _DECIMAL_COMMA.fullmatch(field) for field in fields)
 
 
 def _fields(text: str, separator: str) -> list[str]:

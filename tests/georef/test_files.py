@@ -45,6 +45,16 @@ def test_points_of_metashape_are_read(tmp_path):
     assert [(m.point, m.view, m.pixel) for m in control.marks] == [("P1", 0, (10, 20)), ("P1", 1, (11, 21))]
 
 
+@pytest.mark.parametrize("fields", ["P2 4 5 6 check", "P2 4 5 6 0.02 check", "P2,4,5,6,check"])
+def test_a_role_is_read_without_a_heading_and_without_an_accuracy(tmp_path, fields):
+    points, marks = tmp_path / "points.csv", tmp_path / "marks.csv"
+    points.write_text(f"{'P1 1.5 2.5 3.5'.replace(' ', ',' if ',' in fields else ' ')}\n{fields}\n")
+    marks.write_text("P1 DJI_0001.JPG 10 20\n")
+    control = read_control(points, marks, PHOTOS, 0.03)
+    assert [(p.name, p.role) for p in control.points] == [("P1", CONTROL), ("P2", CHECK)]
+    assert control.points[1].sd[0] == (0.02 if "0.02" in fields else 0.03)
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [("", "no rows"), ("P1,1,2\n", "where a number belongs"), ("P1,1,2,3\nP1,1,2,3\n", "twice"), ("a\0b", "no text")],

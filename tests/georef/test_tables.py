@@ -74,6 +74,20 @@ def test_a_table_without_heading_keeps_its_first_row(tmp_path: Path) -> None:
     assert table.columns == {} and table.rows == [["P1", "1.5", "2"], ["P2", "3", "4"]] and table.lines == [1, 2]
 
 
+@pytest.mark.parametrize("heading", ["", "Name Ost Nord\n"])
+def test_blanks_separate_fields_with_decimal_commas(tmp_path: Path, heading: str) -> None:
+    table = read_table(
+        write(tmp_path, f"{heading}P1 4471,25 -5320,5\nP2 1,0 2\n"), {"name": ("name",), "east": ("ost",)}
+    )
+    assert [table.number(0, 1), table.number(0, 2), table.number(1, 1)] == [4471.25, -5320.5, 1.0]
+    assert [row[0] for row in table.rows] == ["P1", "P2"]
+
+
+@pytest.mark.parametrize("row", ["P1, 1.5, 2", "P 1,1.5,2", "P1,1,2", "a b c,1.5,2"])
+def test_commas_separate_fields_beside_blanks(tmp_path: Path, row: str) -> None:
+    assert len(read_table(write(tmp_path, f"{row}\n"), NAMES).rows[0]) == 3
+
+
 def test_a_heading_in_a_comment_counts_where_no_row_has_one(tmp_path: Path) -> None:
     table = read_table(write(tmp_path, "#Label,X/East,Y/North\nP1,1.5,2\n"), NAMES)
     assert table.columns == {"name": 0, "east": 1, "north": 2} and table.notes == ["Label,X/East,Y/North"]
