@@ -115,6 +115,16 @@ def test_holes_that_the_photos_look_through_stay_open():
     assert kept.vertices[rim][:, 2].min() > 0.8
 
 
+@pytest.mark.parametrize(("free", "stays_open"), [(0.0, False), (0.4, False), (0.6, True), (1.0, True)])
+def test_a_hole_stays_open_where_the_photos_look_through_half_of_it(free: float, stays_open: bool) -> None:
+    damaged = without(mesh := ball(subdivisions=3), mesh.vertices[mesh.faces].mean(1)[:, 2] < 0.98)
+
+    def is_free(points: np.ndarray) -> np.ndarray:
+        return np.arange(len(points)) < free * len(points)
+
+    assert bool(boundary_loops(fill_holes(damaged, 2.0, is_free))) == stays_open
+
+
 def test_closing_carries_values():
     mesh = ball(subdivisions=3)
     mesh = replace(mesh, values={"views": np.full(len(mesh.vertices), 7, np.uint8)})
