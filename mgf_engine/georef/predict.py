@@ -55,8 +55,7 @@ def write_places(job: Path, user_options: Mapping[str, Any], out: Path, reporter
     control = read_points(Path(options.control), names, options.point.accuracy)
     marks = control.marks
     if options.marks:
-        with contextlib.suppress(FileNotFoundError):
-            marks = (*marks, *read_marks(Path(options.marks), names)[0])
+        marks = (*marks, *read_marks(Path(options.marks), names)[0])
     placed, failed = place_points(scene, marks, options.mark)
     reporter.progress(0.5)
     known = known_places(scene, control, placed, failed, georeference, options)
