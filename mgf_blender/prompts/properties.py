@@ -75,16 +75,21 @@ def marks_control_points(scene: bpy.types.Scene) -> bool:
 
 
 def show_photo(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Show the chosen photo in the image editors of the window."""
+    """Show the chosen photo in the Image Editor that it was chosen in, else in those that show a photo of the list or
+    nothing: others keep a texture, a drawing or a render."""
     photo = active_photo(self.id_data)
     image = photo_image(photo) if photo is not None else None
     if image is None or context.screen is None:
         return
     here = context.area if context.area is not None and context.area.type == "IMAGE_EDITOR" else None
-    areas = [here] if here else [a for a in context.screen.areas if a.type == "IMAGE_EDITOR"]
-    for area in areas:
+    editors = [area for area in context.screen.areas if area.type == "IMAGE_EDITOR"]
+    for area in [here] if here else [a for a in editors if _shows_photo(self.id_data, a.spaces.active.image)]:
         before = area.spaces.active.image
         area.spaces.active.image = image
         if context.window is not None and (before is None or tuple(before.size) != tuple(image.size)):
             fit_photo(context.window, area)
         area.tag_redraw()
+
+
+def _shows_photo(scene: bpy.types.Scene, image: bpy.types.Image | None) -> bool:
+    return image is None or photo_of_image(scene, image) >= 0

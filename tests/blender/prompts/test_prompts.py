@@ -71,6 +71,17 @@ def test_import_adds_photos_that_were_not_roots(state, house, tmp_path):
     assert state.photos[other].file and names == sorted(names)
 
 
+def test_an_image_editor_keeps_what_is_no_photo_of_the_list(state):
+    area = max(bpy.context.window.screen.areas, key=lambda a: a.width * a.height)
+    area.type = "IMAGE_EDITOR"
+    drawing = area.spaces.active.image = bpy.data.images.new("drawing", 4, 4)
+    state.photo_index = 1
+    assert area.spaces.active.image == drawing
+    area.spaces.active.image = photo_image(state.photos[1])
+    state.photo_index = 2
+    assert area.spaces.active.image == photo_image(state.photos[2])
+
+
 @pytest.mark.parametrize(
     "text", ["{", "[1]", '{"a": []}', '{"a": {"positive": [[1]]}}', '{"a": {"positive": [["x", 2]]}}']
 )
