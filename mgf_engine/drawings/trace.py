@@ -39,9 +39,7 @@ def trace(label: NDArray[np.int32]) -> list[Chain]:
     nodes, place, degree = np.unique(ends, return_inverse=True, return_counts=True)
     start, count = np.cumsum(degree) - degree, len(first)
     around = np.argsort(place, kind="stable") % count
-    pair = low.astype(np.int64) << 32 | high
-    first_pair, last_pair = (pair[around[start + k]] for k in (0, degree - 1))
-    plain = (degree == 2) & (first_pair == last_pair)  # a corner that one border passes
+    plain = degree == 2  # two sides with a border around a corner: two labels, so that one border passes
     used = np.zeros(count, bool)
     at = [place[:count].tolist(), place[count:].tolist()]
     edges, begin, passed = around.tolist(), start.tolist(), plain.tolist()
