@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.georef.control_points import CHECK, CONTROL
 from mgf_engine.georef.find import GeoreferenceFit
-from mgf_engine.georef.fit_control import ControlRow
+from mgf_engine.georef.fit_control import ControlFit, ControlRow
 from mgf_engine.model.scene import Scene
 
 BEGIN, END = "<!-- georeference -->", "<!-- /georeference -->"
@@ -22,6 +22,9 @@ _HOW = {
     "none": "not at all", "gps": "GPS of the photos", "control": "control points",
     "scale_bars": "scale bars and the direction up", "up": "only the direction up is known",
 }  # fmt: skip
+_BLUE, _ORANGE = "#2563eb", "#c2410c"
+_MOST_BARS = 40
+Bar = tuple[str, float, str]  # name, length and colour
 _UP = {"walls": "vertical edges of the building", "tags": "the photos' gravity tags", "cameras": "level cameras"}
 
 
@@ -137,38 +140,49 @@ def _picture(fit: GeoreferenceFit, scene: Scene) -> str:
     figure, (plan, side) = pyplot.subplots(1, 2, figsize=(11, 5), width_ratios=(3, 2), layout="constrained")
     centres = now.local(scene.to_normalised.invert(np.array([view.centre for view in scene.views])))
     plan.scatter(centres[:, 0], centres[:, 1], 8, "0.7", label="cameras")
-    names, heights, colors = [], [], []
     if fit.control is not None:
-        for role, color in ((CONTROL, "#2563eb"), (CHECK, "#c2410c")):
-            rows = [r for r in fit.control.rows if r.point.role == role and np.isfinite(r.distance)]
-            if rows:
-                _arrows(plan, _places(rows, now.offset), np.array([r.residual for r in rows]), color, role, 1000, "mm")
-                names += [r.point.name for r in rows]
-                heights += [1000 * r.residual[2] for r in rows]
-                colors += [color] * len(rows)
-                for row, at in zip(rows, _places(rows, now.offset), strict=True):
-                    plan.annotate(row.point.name, at[:2], textcoords="offset points", xytext=(5, 4), fontsize=8)
+        draw_bars(side, _draw_points(plan, fit.control, now.offset))
         side.set_xlabel("height, scene less file (mm)")
     elif fit.gps is not None:
         used = fit.gps.used
         own = centres[list(fit.gps_views)][used]
-        _arrows(plan, own, fit.gps.residuals[used], "#2563eb", "camera less GPS", 1, "m")
-        names = [Path(scene.views[i].name).name for i, ok in zip(fit.gps_views, used, strict=True) if ok][:40]
-        heights = fit.gps.residuals[used][:40, 2].tolist()
-        colors = ["#2563eb"] * len(names)
+        _arrows(plan, own, fit.gps.residuals[used], _BLUE, "camera less GPS", 1, "m")
+        names = [Path(scene.views[i].name).name for i, ok in zip(fit.gps_views, used, strict=True) if ok]
+        heights = fit.gps.residuals[used, 2].tolist()
+        draw_bars(side, [(name, height, _BLUE) for name, height in zip(names, heights, strict=True)][:_MOST_BARS])
         side.set_xlabel("height, camera less GPS (m)")
     plan.set_aspect("equal", "datalim")
     plan.set_xlabel("east (m)")
     plan.set_ylabel("north (m)")
     plan.legend(fontsize=8)
-    side.barh(names, heights, color=colors)
-    side.axvline(0, color="0.5", linewidth=0.8)
-    side.invert_yaxis()
-    side.tick_params(labelsize=7 if len(names) > 15 else 9)
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=110)
     pyplot.close(figure)
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+
+
+def _draw_points(plan: Any, control: ControlFit, offset: tuple[float, float, float]) -> list[Bar]:
+    """Draw control and check points with their residuals; returns the residuals in height, mm."""
+    bars = list[Bar]()
+    for role, color in ((CONTROL, _BLUE), (CHECK, _ORANGE)):
+        rows = [r for r in control.rows if r.point.role == role and np.isfinite(r.distance)]
+        if not rows:
+            continue
+        places = _places(rows, offset)
+        _arrows(plan, places, np.array([r.residual for r in rows]), color, role, 1000, "mm")
+        for row, at in zip(rows, places, strict=True):
+            plan.annotate(row.point.name, at[:2], textcoords="offset points", xytext=(5, 4), fontsize=8)
+        bars += [(row.point.name, 1000 * row.residual[2], color) for row in rows]
+    return bars
+
+
+def draw_bars(axes: Any, bars: Sequence[Bar]) -> None:
+    """Draw a bar for each name, length and colour, the first on top; names may occur twice."""
+    names, lengths, colors = ([bar[k] for bar in bars] for k in range(3))
+    axes.barh(range(len(bars)), lengths, color=colors, tick_label=names)
+    axes.axvline(0, color="0.5", linewidth=0.8)
+    axes.invert_yaxis()
+    axes.tick_params(labelsize=7 if len(bars) > 15 else 9)
 
 
 def _places(rows: list[ControlRow], offset: tuple[float, float, float]) -> NDArray[np.float64]:
