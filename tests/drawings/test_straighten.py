@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,18 @@ def test_a_sloping_line_keeps_its_slope() -> None:
     assert len(stroke.segments) == 1 and not stroke.segments[0].level
     along = stroke.segments[0].along
     assert along[1] / along[0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_short_part_gives_way_to_longer_neighbours_only() -> None:
+    """A slope between a level and an upright part, which is shorter than it or longer."""
+
+    def straightened(height: float) -> np.ndarray:
+        ends = np.array([[0, 0], [30, 0], [35, 5], [35, 5 + height], [65, 5 + height]], float)
+        steps = [np.linspace(a, b, 6, endpoint=False) for a, b in pairwise(ends)]
+        return straighten(np.concatenate([*steps, ends[-1:]]), (0, 1), 1.0).points
+
+    np.testing.assert_allclose(straightened(5), [[0, 0], [30, 0], [35, 5], [35, 10], [65, 10]], atol=1e-9)
+    np.testing.assert_allclose(straightened(25), [[0, 0], [35, 0], [35, 30], [65, 30]], atol=1e-9)
 
 
 def test_a_rectangle_has_four_runs_and_exact_corners() -> None:
