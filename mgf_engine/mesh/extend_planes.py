@@ -19,7 +19,8 @@ from mgf_engine.mesh.photo_consistency import PatchPhotos
 from mgf_engine.mesh.planar import Flattened
 from mgf_engine.mesh.plane_borders import PlaneBorderOptions, slope_steps, smooth_borders, undo_folds
 from mgf_engine.mesh.plane_detection import PARALLEL, Planes
-from mgf_engine.mesh.plane_labels import PlaneLabelOptions, label_vertices
+from mgf_engine.mesh.plane_label_options import PlaneLabelOptions
+from mgf_engine.mesh.plane_labels import label_vertices
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges

@@ -15,58 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mgf_engine.geometry.clean import vertex_areas
-from mgf_engine.geometry.components import label_components
 from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.mesh.near_planes import Index, NearPlanes, join_ranges, near_planes
 from mgf_engine.mesh.photo_consistency import PatchPhotos, compare_patches, widest_angle
 from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.mesh.plane_islands import drop_islands, fill_islands, fill_plain_bumps
+from mgf_engine.mesh.plane_label_options import PlaneLabelOptions
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.options.algorithms import parameter
 
 Array = NDArray[np.float64]
 _PIECE = 300_000  # pairs of a label and a neighbour at a time: some 50 MB
-
-
-@dataclass(frozen=True)
-class PlaneLabelOptions:
-    """Options of the labels; costs are per square ground pixel."""
-
-    reach: float = parameter(6.0, "Maximum distance of a vertex from its plane", "ground px")
-    rings: int = parameter(20, "Maximum number of edges between a vertex and the faces that the plane was found on")
-    trusted_distance: float = parameter(1.0, "Distance from the plane up to which photos are not compared", "ground px")
-    largest_area: float = parameter(
-        9.0, "Maximum area of a vertex that counts, so that none decides alone", "ground px²"
-    )
-    no_plane_cost: float = parameter(0.1, "Cost of a vertex without plane")
-    distance_cost: float = parameter(0.1, "Cost of the maximum distance from the plane")
-    small_plane_cost: float = parameter(0.1, "Cost of a plane that is small or noisy")
-    small_area: float = parameter(4000.0, "Area below which a plane is small", "ground px²")
-    large_noise: float = parameter(0.5, "Standard deviation from which a plane is noisy", "ground px", low=1e-3)
-    sure_area: float = parameter(20000.0, "Area from which on a plane counts as less noisy, in inverse proportion",
-                                 "ground px²")  # fmt: skip
-    contrast: float = parameter(8.0, "Standard deviation of a patch that makes the photos sure", "grey levels", low=0.1)
-    margin: float = parameter(
-        0.3, "Correlation by which the plane must be better where the photos are sure, beyond creases", high=1
-    )
-    sure_parallax: float = parameter(
-        1.5, "Parallax between vertex and plane from which on the margin is asked for in full", "px", low=1e-3
-    )
-    crease: float = parameter(30.0, "Minimum angle between two planes that meet in a crease", "degrees")
-    crease_reach: float = parameter(
-        3.0, "Distance from both planes up to which a vertex is at their crease", "ground px"
-    )
-    beyond_cost: float = parameter(1.0, "Cost of each ground pixel beyond the crease with another plane")
-    beyond_noise: float = parameter(0.5, "Distance beyond a crease that costs nothing", "ground px")
-    side_reach: float = parameter(30.0, "Distance from a plane up to which it is asked on which side another lies",
-                                  "ground px")  # fmt: skip
-    side: float = parameter(0.9, "Minimum share of such vertices on one side", high=1)
-    step_cost: float = parameter(0.2, "Cost of an edge whose ends have different labels, a step apart")
-    full_step: float = parameter(2.0, "Distance between the places of two labels that costs a full step", "ground px")
-    facing: float = parameter(-0.2, "Minimum cosine between a vertex's normal and the plane's", low=-1.0, high=1)
-    island_area: float = parameter(100.0, "Area up to which vertices without plane go into the plane around them",
-                                   "ground px²")  # fmt: skip
-    island_height: float = parameter(2.5, "Maximum distance of such vertices from that plane", "ground px")
-    rounds: int = parameter(10, "Number of rounds of iterated conditional modes")
 
 
 @dataclass(frozen=True)
@@ -106,116 +64,23 @@ def label_vertices(
     """
     area = vertex_areas(mesh) / pixel**2
     candidates = _candidates(mesh, pixel, planes, options)
+    here, contrast = _scores_of_photos(mesh, pixel, photos, candidates, options)
     counted = np.minimum(area, options.largest_area)
-    cost = counted[candidates.near.vertex] * _plane_costs(mesh, pixel, planes, photos, candidates, options)
+    cost = counted[candidates.near.vertex] * (
+        _photo_costs(mesh, pixel, planes, photos, candidates, here, contrast, options)
+        + _plane_costs(mesh, pixel, planes, candidates, options)
+    )
     label = _choose(mesh, pixel, planes, candidates.near, cost, counted * options.no_plane_cost, options)
     label = drop_islands(mesh, area, label, flat, options)
-    return fill_islands(mesh, pixel, area, planes, label, flat, options)
-
-
-def drop_islands(
-    mesh: Mesh,
-    area: Array,
-    label: NDArray[np.int32],
-    flat: NDArray[np.int32],
-    options: PlaneLabelOptions = PlaneLabelOptions(),
-) -> NDArray[np.int32]:
-    """Take the labels of small groups in one plane where flattening moved most of them into another plane.
-
-    Their neighbours have no label and stay in that plane, a pixel or two from the group: teeth on a flat wall.
-
-    Args:
-        mesh: its faces.
-        area: a third of that of the faces around each vertex, in square ground pixels, [N].
-        label: the plane of each vertex, [N], -1 for none.
-        flat: the plane that flattening moved each vertex into, [N], -1 for none.
-        options: how small.
-
-    Returns:
-        The labels without those of the groups, [N].
-    """
-    known = np.where(label >= 0, label, flat)
-    start, neighbour = mesh.adjacency.neighbours()
-    vertex = np.repeat(np.arange(len(known)), np.diff(start))
-    same = known[vertex] == known[neighbour]
-    group = label_components(len(known), vertex[same], neighbour[same])
-    count = int(group.max(initial=-1)) + 1
-    elsewhere = (label >= 0) & (flat >= 0) & (flat != label)
-    small = np.bincount(group, area, count) < options.island_area
-    most = 2 * np.bincount(group, elsewhere, count) > np.bincount(group, minlength=count)
-    return np.where((small & most)[group], np.int32(-1), label)
-
-
-def fill_islands(
-    mesh: Mesh,
-    pixel: Array,
-    area: Array,
-    planes: Planes,
-    label: NDArray[np.int32],
-    flat: NDArray[np.int32],
-    options: PlaneLabelOptions = PlaneLabelOptions(),
-) -> NDArray[np.int32]:
-    """Give small and low groups of vertices without plane the most frequent plane around them.
-
-    The planes around them must be nearly parallel; a group between others, such as a crease, stays.
-
-    Args:
-        mesh: normalised frame.
-        pixel: size of a ground pixel at each vertex, [N].
-        area: a third of that of the faces around each vertex, in square ground pixels, [N].
-        planes: found on this mesh.
-        label: the plane of each vertex, [N], -1 for none.
-        flat: the plane that flattening moved each vertex into, [N], -1 for none.
-        options: how small and how low.
-
-    Returns:
-        The labels with those of the groups, [N].
-    """
-    known = np.where(label >= 0, label, flat)
-    free = known < 0
-    group, around, plane = _islands(mesh, known)
-    count = int(group.max(initial=-1)) + 1
-    frequent = _most_frequent(around, plane, count, len(planes.normals))
-    total = np.bincount(around, minlength=count)
-    sums = np.stack([np.bincount(around, planes.normals[plane, k], count) for k in range(3)], 1)
-    parallel = np.linalg.norm(sums, axis=1) > np.cos(np.radians(options.crease / 4)) * np.maximum(total, 1)
-    small = np.bincount(group, area, count) < options.island_area
-    rows = np.flatnonzero(free & (parallel & (total > 0) & small)[group])
-    own = frequent[group[rows]]
-    height = np.zeros(count)
-    np.maximum.at(height, group[rows], np.abs(planes.distances(mesh.vertices[rows], own)) / pixel[rows])
-    low = height[group[rows]] < options.island_height
-    filled = label.copy()
-    filled[rows[low]] = own[low]
-    return filled
-
-
-def _islands(mesh: Mesh, label: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32], Index]:
-    """Group connected vertices without plane.
-
-    Returns:
-        The group of each vertex [N], those with a plane alone in theirs; and of each edge between a group and a plane
-        the group and the plane, [E] each.
-    """
-    start, neighbour = mesh.adjacency.neighbours()
-    vertex, free = np.repeat(np.arange(len(label)), np.diff(start)), label < 0
-    inside, rim = free[vertex] & free[neighbour], free[vertex] & ~free[neighbour]
-    group = label_components(len(label), vertex[inside], neighbour[inside])
-    return group, group[vertex[rim]], label[neighbour[rim]].astype(np.int64)
-
-
-def _most_frequent(group: NDArray[np.integer], plane: Index, groups: int, planes: int) -> NDArray[np.int32]:
-    """Return the most frequent plane of each group, of pairs [E], int32 [groups]; -1 for groups without."""
-    keys, times = np.unique(group.astype(np.int64) * planes + plane, return_counts=True)
-    order = np.argsort(times, kind="stable")
-    frequent = np.full(groups, -1, np.int32)
-    frequent[keys[order] // planes] = keys[order] % planes  # the last one written stays
-    return frequent
+    label = fill_islands(mesh, pixel, area, planes, label, flat, options)
+    plain = (contrast <= options.plain_contrast) & (here < options.plain_correlation)
+    return fill_plain_bumps(mesh, pixel, np.where(np.isfinite(contrast), area, 0), planes, label, flat, plain, options)
 
 
 def _candidates(mesh: Mesh, pixel: Array, planes: Planes, options: PlaneLabelOptions) -> _Candidates:
     """Return the planes that each vertex may get; none that it faces away from."""
-    near, normals = near_planes(mesh, pixel, planes, options.reach, options.rings), vertex_normals(mesh)
+    normals = vertex_normals(mesh)
+    near = near_planes(mesh, pixel, planes, options.reach, options.rings)
     kept = np.einsum("ij,ij->i", normals[near.vertex], planes.normals[near.plane]) > options.facing
     near = NearPlanes(near.vertex[kept], near.plane[kept])
     shift = planes.distances(mesh.vertices[near.vertex], near.plane)
@@ -224,40 +89,55 @@ def _candidates(mesh: Mesh, pixel: Array, planes: Planes, options: PlaneLabelOpt
 
 
 def _plane_costs(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, options: PlaneLabelOptions
+    mesh: Mesh, pixel: Array, planes: Planes, candidates: _Candidates, options: PlaneLabelOptions
 ) -> Array:
-    """Return what each pair costs per square ground pixel, [K]."""
+    """Return what each pair costs per square ground pixel besides what photos say, [K]."""
     near = candidates.near
     areas = np.maximum(planes.area, 1e-12)
     noisy = planes.noise / options.large_noise * np.minimum(options.sure_area / areas, 1)
     poor = np.clip(np.maximum(options.small_area / areas, noisy), 0, 1)
     beyond = _beyond_creases(mesh, pixel, planes, candidates, 1 - poor, options)
     return (
-        _photo_costs(mesh, pixel, planes, photos, candidates, options)
-        + options.distance_cost * candidates.off / max(options.reach, 1e-12)
+        options.distance_cost * candidates.off / max(options.reach, 1e-12)
         + options.small_plane_cost * poor[near.plane]
         + options.beyond_cost * beyond
     )
 
 
+def _scores_of_photos(
+    mesh: Mesh, pixel: Array, photos: PatchPhotos, candidates: _Candidates, options: PlaneLabelOptions
+) -> tuple[Array, Array]:
+    """Return correlation and contrast of the photos at each vertex, [N] each; NaN where no plane is far enough off."""
+    here, contrast = np.full(len(pixel), np.nan), np.full(len(pixel), np.nan)
+    own = np.unique(candidates.near.vertex[candidates.off > options.trusted_distance])
+    here[own], contrast[own] = compare_patches(photos, own, mesh.vertices[own], candidates.normals[own], pixel[own])
+    return here, contrast
+
+
 def _photo_costs(
-    mesh: Mesh, pixel: Array, planes: Planes, photos: PatchPhotos, candidates: _Candidates, options: PlaneLabelOptions
+    mesh: Mesh,
+    pixel: Array,
+    planes: Planes,
+    photos: PatchPhotos,
+    candidates: _Candidates,
+    here: Array,
+    contrast: Array,
+    options: PlaneLabelOptions,
 ) -> Array:
     """Return the loss of correlation from a vertex to its projection, where photos have contrast, [K]."""
     cost = np.zeros(len(candidates.off))
     asked = np.flatnonzero(candidates.off > options.trusted_distance)
     vertex, plane = candidates.near.vertex[asked], candidates.near.plane[asked]
     own, index = np.unique(vertex, return_inverse=True)
-    here, contrast = compare_patches(photos, own, mesh.vertices[own], candidates.normals[own], pixel[own])
     there, other = compare_patches(photos, vertex, candidates.place[asked], planes.normals[plane], pixel[vertex])
-    sure = np.minimum(np.maximum(contrast[index], other) / options.contrast, 1)
+    sure = np.minimum(np.maximum(contrast[vertex], other) / options.contrast, 1)
     margin = np.where(_at_creases(planes, candidates, options)[vertex], 0.0, options.margin) * np.clip(
         candidates.off[asked] - options.trusted_distance, 0, 1
     )
     # Where all photos look from nearly the same side, a dent and a reveal look alike, and the plane is simpler.
     parallax = candidates.off[asked] * 2 * np.tan(widest_angle(photos, mesh.vertices, own)[index] / 2)
     margin *= np.minimum(parallax / options.sure_parallax, 1)
-    cost[asked] = sure * (here[index] - there + margin)
+    cost[asked] = sure * (here[vertex] - there + margin)
     return cost
 
 

@@ -130,7 +130,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("planar", "mesh", "Projection of planar regions", "mesh.planar_options:PlanarOptions", also=("drawings", "models")),
     Algorithm("relief", "mesh", "Relief that is kept on planes", "mesh.relief:ReliefOptions"),
     Algorithm("patches", "mesh", "Comparison of patches between photos", "mesh.photo_consistency:PatchOptions"),
-    Algorithm("plane_labels", "mesh", "Choice of the plane of each vertex", "mesh.plane_labels:PlaneLabelOptions"),
+    Algorithm("plane_labels", "mesh", "Choice of the plane of each vertex", "mesh.plane_label_options:PlaneLabelOptions"),
     Algorithm("plane_extension", "mesh", "Planes over dents and worn edges", "mesh.extend_planes:PlaneExtensionOptions"),
     Algorithm("plane_borders", "mesh", "Blending of the borders of planes", "mesh.plane_borders:PlaneBorderOptions"),
     Algorithm("opening_walls", "mesh", "Walls of the mesh that openings are looked for in", "mesh.wall_openings:MeshOpeningOptions"),

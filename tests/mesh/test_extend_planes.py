@@ -12,7 +12,9 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import compare_patches, see_vertices, widest_angle
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_detection import Planes
-from mgf_engine.mesh.plane_labels import PlaneLabelOptions, _choose, drop_islands, fill_islands, label_vertices
+from mgf_engine.mesh.plane_islands import drop_islands, fill_islands, fill_plain_bumps
+from mgf_engine.mesh.plane_label_options import PlaneLabelOptions
+from mgf_engine.mesh.plane_labels import _choose, label_vertices
 from mgf_engine.model.mesh import Mesh
 from tests.support.analytic import camera
 from tests.support.sheets import box, joined, noisy, sheet
@@ -296,6 +298,55 @@ def test_a_small_island_gets_the_plane_around_it():
 @pytest.mark.parametrize(("radius", "height", "turn"), [(8.0, 1.5, 0.0), (5.0, 3.0, 0.0), (5.0, 1.5, 40.0)])
 def test_large_and_tall_islands_and_those_on_edges_stay(radius, height, turn):
     assert (island(radius, height, turn) == -1).all()
+
+
+def bump(height, radius=15.0, textured=0.0, turn=0.0, flattened=False):
+    """Labels after bumps are filled: a wall of two planes, a plateau without label in its middle.
+
+    Of the plateau's area the share ``textured`` shows texture. If ``flattened``, it has a small plane of its own.
+    """
+    mesh = joined(sheet(LINE, LINE, lambda u, v: (u, v, height * (np.hypot(u - 75, v - 75) < radius))))
+    angle = np.radians(turn)
+    normals = np.array([[0, 0, 1.0], [np.sin(angle), 0, np.cos(angle)], [0, 0, 1.0]])
+    offsets = np.r_[normals[:2] @ MIDDLE, height]
+    planes = Planes(normals, offsets, np.full(3, 0.1), np.ones(3), np.zeros(len(mesh.faces), np.int32))
+    away = np.hypot(*(mesh.vertices[:, :2] - 75).T)
+    inside = away < radius
+    label = np.where(inside, -1, mesh.vertices[:, 0] > 75.1).astype(np.int32)
+    flat = np.where(inside & flattened, 2, -1).astype(np.int32)
+    plain = inside & (away >= radius * np.sqrt(textured))
+    area = vertex_areas(mesh) * inside
+    result = fill_plain_bumps(mesh, np.ones(len(label)), area, planes, label, flat, plain)
+    assert np.array_equal(result[~inside], label[~inside])
+    return result[inside]
+
+
+def test_a_plain_bump_gets_the_plane_around_it():
+    assert set(bump(4.0)) <= {0, 1}
+    assert set(bump(4.0, textured=0.2)) <= {0, 1}, "a little of it is its rim"
+    assert set(bump(4.0, flattened=True)) <= {0, 1}, "its own plane is small"
+
+
+def test_textured_high_and_bent_bumps_and_dents_stay():
+    assert (bump(4.0, textured=0.5) == -1).all()
+    assert (bump(7.0) == -1).all(), "beyond the reach of planes"
+    assert (bump(4.0, turn=40.0) == -1).all(), "on the edge of two walls"
+    assert (bump(-4.0) == -1).all(), "it may be a dark pane"
+
+
+def test_a_bump_that_no_photo_shows_goes_with_all_its_height():
+    """Noise of two grey levels is no texture, though labels alone would leave a bump of four pixels."""
+    wall = dented(-5.0, radius=25.0)
+
+    def grainy(view):
+        picture = plain(view)
+        grain = np.random.default_rng(len(view.name) + int(view.name[0])).normal(0, 1.5, picture.shape)
+        return np.clip(picture + grain, 0, 255).astype(np.uint8)
+
+    _, result = extended(wall, cameras(), grainy)
+    assert result.vertices[:, 2].max() < 1.0
+    _, result = extended(wall, cameras(), textured(wall))
+    assert result.vertices[:, 2].max() > 4.5
 
 
 def dropped(radius, own=0, wider=0.0):
