@@ -15,6 +15,7 @@ from benchmarks.landmarks import balcony_tower, chapel, sheet_hall, warehouse
 from benchmarks.orangery import orangery
 from benchmarks.roofs import band, gable_roof
 from benchmarks.shapes import Builder, Casing, Opening, Part, wall_row
+from benchmarks.varied_buildings import factory, farm, modern_house, rotunda
 
 
 def town_hall(wall: str = "brick") -> list[Part]:
@@ -272,4 +273,8 @@ BUILDINGS: dict[str, Callable[[str], list[Part]]] = {
     "chapel": chapel,
     "plaster_court": plaster_court,
     "orangery": orangery,
+    "factory": factory,
+    "rotunda": rotunda,
+    "modern_house": modern_house,
+    "farm": farm,
 }

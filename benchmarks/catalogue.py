@@ -206,6 +206,23 @@ SCENES["orangery"] = replace(
     _SMALL, building="orangery", wall="brick", photos=30, trees=5, neighbours=1, cars=1, sun_azimuth=-100.0, seed=50,
     rings=(Ring(0.6, 6.0, 17.0, 4.5), Ring(0.4, 15.0, 14.0, 4.0)),
 )  # fmt: skip
+# Mixed materials and shapes that no other scene has: sawtooth roof, dome and columns, cantilever, solar panels.
+SCENES["factory"] = replace(
+    _SMALL, building="factory", wall="shiny_sheet", seed=51, sun_azimuth=-140.0,
+    rings=(Ring(0.5, 8.0, 27.0, 5.0), Ring(0.5, 22.0, 22.0, 5.0)), **_FAULTY,
+)  # fmt: skip
+SCENES["rotunda"] = replace(
+    _SMALL, building="rotunda", wall="plaster", seed=52, trees_in_front=2, sun_azimuth=-40.0,
+    rings=(Ring(0.5, 7.0, 25.0, 6.0), Ring(0.5, 22.0, 21.0, 6.0)), **_FAULTY,
+)  # fmt: skip
+SCENES["modern_house"] = replace(
+    _SMALL, building="modern_house", wall="clean_white", seed=53, sun_azimuth=-80.0,
+    rings=(Ring(0.6, 3.0, 18.0, 3.5), Ring(0.4, 14.0, 15.0, 3.0)), **_FAULTY,
+)  # fmt: skip
+SCENES["farm"] = replace(
+    _SMALL, building="farm", wall="ashlar", seed=54, trees=12, trees_in_front=2, sun_azimuth=-110.0,
+    rings=(Ring(0.5, 6.0, 24.0, 4.0), Ring(0.5, 18.0, 20.0, 4.0)), **_FAULTY,
+)  # fmt: skip
 for _name in ("masks_block", "masks_hall"):
     SCENES[f"{_name}20"] = replace(SCENES[_name], photos=20)
 for _name in ("steel_frame_hall", "brick_ensemble"):
