@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trim the border of a mesh: remove unconfirmed faces along it, and make the new border smooth.
+"""Trim the border of a mesh: remove unconfirmed faces along it, and make the border smooth.
 
 Removing whole faces would leave a border as ragged as the faces are large. Instead, the indicator function of the kept
 faces is diffused over the mesh for a short time, and the mesh is cut at its level 0.5. Repeated, this moves borders by
 mean curvature (threshold dynamics of Merriman, Bence and Osher 1992): straight lines stay, while teeth, thin strips and
-narrow bays vanish.
+narrow bays vanish. A border that stays, such as the foot of a building, is smoothed along itself.
 """
 
 from __future__ import annotations
@@ -17,9 +17,19 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from mgf_engine.geometry.clean import border_vertices, face_areas, parts, split_nonmanifold, weld, with_faces
+from mgf_engine.geometry.clean import (
+    border_vertices,
+    face_areas,
+    parts,
+    split_nonmanifold,
+    weld,
+    with_faces,
+)
 from mgf_engine.geometry.clip import clip_level
+from mgf_engine.geometry.normals import vertex_normals
+from mgf_engine.geometry.rasterize import face_normals
 from mgf_engine.mesh.holes import boundary_loops, rim_length
+from mgf_engine.mesh.plane_borders import PlaneBorderOptions, smooth_borders, undo_folds
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.topology import directed_edges
 from mgf_engine.options.algorithms import parameter
@@ -49,6 +59,13 @@ class MeshBorderOptions:
         high=1,
     )
     weights: tuple[float, float] = parameter((0.05, 3.0), "Bounds of the cotangent weights of edges", low=1e-3)
+    smooth_rounds: int = parameter(20, "Number of rounds of smoothing along the border; 0 leaves it", low=0)
+    crease: float = parameter(
+        45.0, "Angle between a vertex's normal and those of its faces from which it is at an edge and stays", "degrees"
+    )
+    shortest: int = parameter(6, "Minimum number of vertices of a piece of border between edges that is smoothed")
+    slide_rings: int = parameter(3, "Number of edges from the border up to which vertices make room for it", low=0)
+    slide_rounds: int = parameter(10, "Number of rounds in which they do", low=0)
 
 
 def trim_border(
@@ -82,6 +99,38 @@ def trim_border(
     stays = (area[label] >= options.fallen * area.max(initial=0.0)) | (area[label] > 0.5 * whole)
     values = {name: value for name, value in cut.values.items() if name != _PART}
     return split_nonmanifold(with_faces(replace(cut, values=values), cut.faces[stays]))
+
+
+def smooth_border(mesh: Mesh, options: MeshBorderOptions = MeshBorderOptions()) -> Mesh:
+    """Smooth the border of a mesh along itself and within the surface, without shrinking it (Taubin 1995).
+
+    Where two walls meet it stays; no face turns over.
+
+    Args:
+        mesh: in any frame.
+        options: number of rounds, and what an edge is.
+    """
+    border, normals = border_vertices(mesh), vertex_normals(mesh)
+    if not options.smooth_rounds or not border.any():
+        return mesh
+    cosine = np.einsum("fj,fkj->fk", face_normals(mesh), normals[mesh.faces])
+    edge = np.zeros(len(border), bool)
+    edge[mesh.faces[cosine < np.cos(np.radians(options.crease))]] = True
+
+    def within_surface(at: NDArray[np.float64]) -> NDArray[np.float64]:
+        out = np.einsum("ij,ij->i", at - mesh.vertices, normals)
+        return np.asarray(at - out[:, None] * normals)
+
+    whole = np.zeros(len(mesh.faces), np.int32)
+    curves = PlaneBorderOptions(smooth_rounds=options.smooth_rounds, shortest=options.shortest)
+    at, near = smooth_borders(mesh, mesh.vertices, whole, border & ~edge, within_surface, curves)
+    a, b = directed_edges(mesh.faces)
+    for _ in range(options.slide_rings):
+        near[a[near[b]]] = True
+    fixed = ~near | border | edge
+    for _ in range(options.slide_rounds):
+        at = within_surface(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
+    return replace(mesh, vertices=undo_folds(mesh, mesh.vertices, at)[0])
 
 
 def _part_of_vertices(mesh: Mesh, part: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -16,7 +16,7 @@ from mgf_engine.errors import BadInput
 from mgf_engine.geometry import clean
 from mgf_engine.geometry.clip import clip
 from mgf_engine.geometry.normals import vertex_normals
-from mgf_engine.mesh.border_smoothing import trim_border
+from mgf_engine.mesh.border_smoothing import smooth_border, trim_border
 from mgf_engine.mesh.colors import ColorOptions, color_from_photos
 from mgf_engine.mesh.component_filter import ComponentFilterOptions, faces_near_clicks
 from mgf_engine.mesh.cut_openings import cut_openings
@@ -285,7 +285,7 @@ def cut_wall_openings(
 def trim_mesh(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: ExtractionOptions) -> Mesh:
     """Remove faces along the border of a mesh that no photo shows, and small parts that this cuts off.
 
-    The new border is smooth.
+    The border is then smoothed.
 
     Args:
         mesh: normalised frame.
@@ -301,7 +301,7 @@ def trim_mesh(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: E
         return mesh
     pixel = ground_pixels(mesh, trusted.views)
     trimmed = trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)
-    return drop_unconfirmed_parts(trimmed, field, options)
+    return smooth_border(drop_unconfirmed_parts(trimmed, field, options), options.borders)
 
 
 def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:

@@ -146,7 +146,7 @@ def fade_moves(
 
 
 def undo_folds(
-    mesh: Mesh, before: Array, at: Array, planes: Planes, label: NDArray[np.int32]
+    mesh: Mesh, before: Array, at: Array, planes: Planes | None = None, label: NDArray[np.int32] | None = None
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Move vertices back until no face is turned over: of each such face the one that went furthest, by half its way.
 
@@ -157,8 +157,8 @@ def undo_folds(
         mesh: its faces.
         before: vertices before they were moved, [N, 3].
         at: vertices, [N, 3].
-        planes: with normals out of the building.
-        label: the plane that each face lies in, -1 for none, [F].
+        planes: with normals out of the building; None for none.
+        label: the plane that each face lies in, -1 for none, [F]; given with the planes.
 
     Returns:
         The vertices [N, 3], and which of them were not moved back, bool [N].
@@ -166,7 +166,9 @@ def undo_folds(
     at, times = at.copy(), np.zeros(len(at), np.int64)
     own, way = face_cross_products(before, mesh.faces), np.linalg.norm(at - before, axis=1)
     size = np.linalg.norm(own, axis=1)
-    normals = np.where(label[:, None] >= 0, planes.normals[label], unit_vectors(own))
+    normals = unit_vectors(own)
+    if planes is not None and label is not None:
+        normals = np.where(label[:, None] >= 0, planes.normals[label], normals)
     check = np.flatnonzero((way > 0)[mesh.faces].any(1))
     while len(check):
         facing = np.einsum("ij,ij->i", face_cross_products(at, mesh.faces[check]), normals[check])

@@ -3,10 +3,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mgf_engine.geometry.clean import face_areas, open_edges
-from mgf_engine.mesh.border_smoothing import MeshBorderOptions, find_supported_faces, remove_faces, trim_border
+from mgf_engine.geometry.clean import face_areas, open_edges, with_faces
+from mgf_engine.geometry.normals import face_cross_products
+from mgf_engine.mesh.border_smoothing import (
+    MeshBorderOptions,
+    find_supported_faces,
+    remove_faces,
+    smooth_border,
+    trim_border,
+)
 from mgf_engine.model.mesh import Mesh
 
 SIDE = 60
@@ -105,3 +114,48 @@ def test_a_mesh_of_which_nothing_is_confirmed_stays() -> None:
     mesh = sheet()
     ones = np.ones(len(mesh.vertices))
     assert trim_border(mesh, np.zeros(len(ones), int), ones, 60 * ones) is mesh
+
+
+def ragged(bend: float = 0.0) -> Mesh:
+    """The square without what lies beyond x = 30, cut along whole faces; bent by an angle along y = 30."""
+    mesh = sheet()
+    mesh = with_faces(mesh, mesh.faces[centres(mesh)[:, 0] < 30 + np.random.default_rng(1).uniform(-1, 1, 7200)])
+    x, y, _ = mesh.vertices.T
+    over = np.maximum(y - 30, 0)
+    at = np.stack([x, y - over + over * np.cos(bend), over * np.sin(bend)], 1)
+    return replace(mesh, vertices=at)
+
+
+def cut_line(mesh: Mesh) -> np.ndarray:
+    """Vertices [K] of the border along the cut."""
+    rows = np.unique(np.concatenate(open_edges(mesh)))
+    at = mesh.vertices[rows]
+    return np.asarray(rows[(at[:, 0] > 20) & (at[:, 1] > 1e-9) & (np.abs(at[:, 1] - SIDE) > 1e-9)])
+
+
+def test_a_border_that_stays_loses_its_teeth() -> None:
+    mesh = ragged()
+    result = smooth_border(mesh)
+    line = cut_line(mesh)
+    line = line[np.argsort(mesh.vertices[line, 1])]
+    before, after = mesh.vertices[line, 0], result.vertices[line, 0]
+    assert np.abs(np.diff(before)).mean() > 0.5
+    assert np.abs(np.diff(after)).mean() < 0.3 * np.abs(np.diff(before)).mean()
+    assert abs(after.mean() - before.mean()) < 0.15, "it does not shrink"
+    assert not result.vertices[:, 2].any(), "the wall stays flat"
+    assert (face_cross_products(result.vertices, result.faces)[:, 2] > -1e-9).all(), "no face turns over"
+    far = np.abs(mesh.vertices[:, 0] - 30) > 10
+    inner = far & (mesh.vertices[:, :2] > 5).all(1) & (mesh.vertices[:, 1] < SIDE - 5)
+    assert np.array_equal(result.vertices[inner], mesh.vertices[inner])
+
+
+def test_corners_of_a_building_and_borders_without_rounds_stay() -> None:
+    mesh = ragged(bend=np.pi / 2)
+    result = smooth_border(mesh)
+    corner = np.abs(mesh.vertices[:, 1] - 30) < 1e-9
+    corner &= np.abs(mesh.vertices[:, 2]) < 1e-9
+    assert corner.any()
+    assert np.abs(result.vertices[corner] - mesh.vertices[corner])[:, 1:].max() < 1e-9
+    assert smooth_border(mesh, MeshBorderOptions(smooth_rounds=0)) is mesh
+    closed = with_faces(mesh, mesh.faces[:0])
+    assert smooth_border(closed) is closed
