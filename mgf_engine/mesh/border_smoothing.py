@@ -59,7 +59,7 @@ class MeshBorderOptions:
         high=1,
     )
     weights: tuple[float, float] = parameter((0.05, 3.0), "Bounds of the cotangent weights of edges", low=1e-3)
-    smooth_rounds: int = parameter(20, "Number of rounds of smoothing along the border; 0 leaves it", low=0)
+    smooth_rounds: int = parameter(60, "Number of rounds of smoothing along the border; 0 leaves it", low=0)
     crease: float = parameter(
         45.0, "Angle between a vertex's normal and those of its faces from which it is at an edge and stays", "degrees"
     )
@@ -117,19 +117,20 @@ def smooth_border(mesh: Mesh, options: MeshBorderOptions = MeshBorderOptions()) 
     edge = np.zeros(len(border), bool)
     edge[mesh.faces[cosine < np.cos(np.radians(options.crease))]] = True
 
-    def within_surface(at: NDArray[np.float64]) -> NDArray[np.float64]:
-        out = np.einsum("ij,ij->i", at - mesh.vertices, normals)
-        return np.asarray(at - out[:, None] * normals)
+    def into_surface(at: NDArray[np.float64], rows: NDArray[np.bool_] = border) -> NDArray[np.float64]:
+        out = np.einsum("ij,ij->i", at[rows] - mesh.vertices[rows], normals[rows])
+        at[rows] -= out[:, None] * normals[rows]
+        return at
 
     whole = np.zeros(len(mesh.faces), np.int32)
     curves = PlaneBorderOptions(smooth_rounds=options.smooth_rounds, shortest=options.shortest)
-    at, near = smooth_borders(mesh, mesh.vertices, whole, border & ~edge, within_surface, curves)
+    at, near = smooth_borders(mesh, mesh.vertices, whole, border & ~edge, into_surface, curves)
     a, b = directed_edges(mesh.faces)
     for _ in range(options.slide_rings):
         near[a[near[b]]] = True
-    fixed = ~near | border | edge
+    near &= ~border & ~edge
     for _ in range(options.slide_rounds):
-        at = within_surface(mesh.adjacency.smooth(np.ascontiguousarray(at), fixed))
+        at = into_surface(mesh.adjacency.smooth(np.ascontiguousarray(at), ~near), near)
     return replace(mesh, vertices=undo_folds(mesh, mesh.vertices, at)[0])
 
 

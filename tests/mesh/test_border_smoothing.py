@@ -117,9 +117,10 @@ def test_a_mesh_of_which_nothing_is_confirmed_stays() -> None:
 
 
 def ragged(bend: float = 0.0) -> Mesh:
-    """The square without what lies beyond x = 30, cut along whole faces; bent by an angle along y = 30."""
+    """The square up to x = 30, with teeth two pixels high and one wide; bent by an angle along y = 30."""
     mesh = sheet()
-    mesh = with_faces(mesh, mesh.faces[centres(mesh)[:, 0] < 30 + np.random.default_rng(1).uniform(-1, 1, 7200)])
+    x, y, _ = centres(mesh).T
+    mesh = with_faces(mesh, mesh.faces[x < 30 + (-1.0) ** y.astype(int)])
     x, y, _ = mesh.vertices.T
     over = np.maximum(y - 30, 0)
     at = np.stack([x, y - over + over * np.cos(bend), over * np.sin(bend)], 1)
@@ -143,7 +144,7 @@ def test_a_border_that_stays_loses_its_teeth() -> None:
     assert np.abs(np.diff(after)).mean() < 0.3 * np.abs(np.diff(before)).mean()
     assert abs(after.mean() - before.mean()) < 0.15, "it does not shrink"
     assert not result.vertices[:, 2].any(), "the wall stays flat"
-    assert (face_cross_products(result.vertices, result.faces)[:, 2] > -1e-9).all(), "no face turns over"
+    assert (face_cross_products(result.vertices, result.faces)[:, 2] > -1e-5).all(), "no face turns over"
     far = np.abs(mesh.vertices[:, 0] - 30) > 10
     inner = far & (mesh.vertices[:, :2] > 5).all(1) & (mesh.vertices[:, 1] < SIDE - 5)
     assert np.array_equal(result.vertices[inner], mesh.vertices[inner])
