@@ -101,18 +101,20 @@ def trim_border(
     return split_nonmanifold(with_faces(replace(cut, values=values), cut.faces[stays]))
 
 
-def smooth_border(mesh: Mesh, options: MeshBorderOptions = MeshBorderOptions()) -> Mesh:
+def smooth_border(mesh: Mesh, hole: NDArray[np.floating], options: MeshBorderOptions = MeshBorderOptions()) -> Mesh:
     """Smooth the border of a mesh along itself and within the surface, without shrinking it (Taubin 1995).
 
     Where two walls meet it stays; no face turns over.
 
     Args:
         mesh: in any frame.
+        hole: loops of open edges shorter than this are holes, and no border, [N].
         options: number of rounds, and what an edge is.
     """
-    border, normals = border_vertices(mesh), vertex_normals(mesh)
+    border = _border_but_holes(mesh, hole)
     if not options.smooth_rounds or not border.any():
         return mesh
+    rim, normals = border_vertices(mesh), vertex_normals(mesh)
     cosine = np.einsum("fj,fkj->fk", face_normals(mesh), normals[mesh.faces])
     edge = np.zeros(len(border), bool)
     edge[mesh.faces[cosine < np.cos(np.radians(options.crease))]] = True
@@ -128,7 +130,7 @@ def smooth_border(mesh: Mesh, options: MeshBorderOptions = MeshBorderOptions()) 
     a, b = directed_edges(mesh.faces)
     for _ in range(options.slide_rings):
         near[a[near[b]]] = True
-    near &= ~border & ~edge
+    near &= ~rim & ~edge
     for _ in range(options.slide_rounds):
         at = into_surface(mesh.adjacency.smooth(np.ascontiguousarray(at), ~near), near)
     return replace(mesh, vertices=undo_folds(mesh, mesh.vertices, at)[0])
@@ -162,15 +164,21 @@ def find_supported_faces(
     rows = np.flatnonzero((views[mesh.faces] >= options.photos).sum(1) < 2)
     if not len(rows):
         return kept
-    border = border_vertices(mesh)
-    for loop in boundary_loops(mesh):
-        if rim_length(mesh, loop) <= np.median(hole[loop]):
-            border[loop] = False
+    border = _border_but_holes(mesh, hole)
     label = parts(replace(mesh, faces=mesh.faces[rows]))
     at_border = np.zeros(label.max() + 1, bool)
     at_border[label[border[mesh.faces[rows]].any(1)]] = True
     kept[rows[at_border[label]]] = False
     return kept
+
+
+def _border_but_holes(mesh: Mesh, hole: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Find the vertices on open edges, bool [N], but for those around holes: loops shorter than ``hole`` [N]."""
+    border = border_vertices(mesh)
+    for loop in boundary_loops(mesh):
+        if rim_length(mesh, loop) <= np.median(hole[loop]):
+            border[loop] = False
+    return border
 
 
 def remove_faces(

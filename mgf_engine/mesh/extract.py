@@ -300,8 +300,9 @@ def trim_mesh(mesh: Mesh, field: SurfaceField, trusted: TrustedViews, options: E
     if "views" not in known:
         return mesh
     pixel = ground_pixels(mesh, trusted.views)
-    trimmed = trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)
-    return smooth_border(drop_unconfirmed_parts(trimmed, field, options), options.borders)
+    mesh = trim_border(mesh, known["views"], pixel, options.small_hole * pixel, options.borders)
+    mesh = drop_unconfirmed_parts(mesh, field, options)
+    return smooth_border(mesh, options.small_hole * ground_pixels(mesh, trusted.views), options.borders)
 
 
 def simplify_mesh(mesh: Mesh, views: Sequence[View], options: ExtractionOptions, reporter: Reporter) -> Mesh:
