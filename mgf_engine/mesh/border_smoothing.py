@@ -17,14 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from mgf_engine.geometry.clean import (
-    border_vertices,
-    face_areas,
-    parts,
-    split_nonmanifold,
-    weld,
-    with_faces,
-)
+from mgf_engine.geometry.clean import border_vertices, face_areas, parts, split_nonmanifold, weld, with_faces
 from mgf_engine.geometry.clip import clip_level
 from mgf_engine.geometry.normals import vertex_normals
 from mgf_engine.geometry.rasterize import face_normals
@@ -120,6 +113,7 @@ def smooth_border(mesh: Mesh, hole: NDArray[np.floating], options: MeshBorderOpt
     edge[mesh.faces[cosine < np.cos(np.radians(options.crease))]] = True
 
     def into_surface(at: NDArray[np.float64], rows: NDArray[np.bool_] = border) -> NDArray[np.float64]:
+        """Put vertices back into the tangent planes that they were moved from, in place."""
         out = np.einsum("ij,ij->i", at[rows] - mesh.vertices[rows], normals[rows])
         at[rows] -= out[:, None] * normals[rows]
         return at
