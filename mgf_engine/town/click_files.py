@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mgf_engine.errors import BadInput, reason
 from mgf_engine.files.atomic import json_text
+from mgf_engine.masks.prompts import PromptsFile, check_prompts
 from mgf_engine.town.hulls import BY_HAND
 from mgf_engine.town.plan import CLICKS, Building
 from mgf_engine.town.submodel import write_if_changed
@@ -20,23 +22,35 @@ AUTOMATIC = "automatic.json"
 
 
 def write_clicks(building: Building, folder: Path, earlier: dict[str, str]) -> None:
-    """Write the clicks of a building; automatic ones are known as such even where the plan ends in the middle.
+    """Write the clicks of a building.
 
     Args:
         building: its clicks.
         folder: of the building.
         earlier: as :func:`read_automatic` returns it.
     """
-    if not building.by_hand:
-        known, new = _automatic(folder, earlier), digest(building.clicks)
-        there = digest(_read_clicks(folder / CLICKS)) if (folder / CLICKS).is_file() else ""
-        if new not in known:
-            write_if_changed(folder / AUTOMATIC, json_text(sorted({there} & known | {new})))
-    write_if_changed(folder / CLICKS, json_text(building.clicks, indent=1))
+    if building.by_hand:
+        write_if_changed(folder / CLICKS, json_text(building.clicks, indent=1))
+    else:
+        write_automatic(building.clicks, folder, _automatic(folder, earlier))
+
+
+def write_automatic(clicks: dict[str, Any], folder: Path, known: set[str]) -> None:
+    """Write automatic clicks into a folder; they are known as such even where this ends in the middle.
+
+    Args:
+        clicks: photo -> entry.
+        folder: that gets them.
+        known: digests of automatic clicks that were written there before.
+    """
+    new, there = digest(clicks), digest(read_clicks(folder / CLICKS)) if (folder / CLICKS).is_file() else ""
+    if new not in known:
+        write_if_changed(folder / AUTOMATIC, json_text(sorted({there} & known | {new})))
+    write_if_changed(folder / CLICKS, json_text(clicks, indent=1))
 
 
 def with_hand_clicks(
-    building: Building, folder: Path, by_hand: Path | None, earlier: dict[str, str], names: set[str]
+    building: Building, folder: Path, by_hand: Path | None, earlier: dict[str, str], photos: Mapping[str, Path]
 ) -> Building:
     """Return the building with clicks by hand in the place of automatic ones, where there are some.
 
@@ -45,24 +59,20 @@ def with_hand_clicks(
         folder: of the building; its clicks are by hand where they are none that were written automatically.
         by_hand: folder with ``ID.json``; these win.
         earlier: as :func:`read_automatic` returns it.
-        names: of the scene's photos.
+        photos: name -> file of each photo of the scene.
 
     Raises:
-        BadInput: a file cannot be read, or names a photo that is none of the scene's.
+        BadInput: a file cannot be read, holds no clicks on a building, or names a photo that is none of the scene's.
     """
-    own = folder / CLICKS
-    given = None if by_hand is None else by_hand / f"{building.hull.id}.json"
-    clicks = None
-    if given is not None and given.is_file():
-        clicks = _read_clicks(given)
-    elif own.is_file():
-        found = _read_clicks(own)
-        clicks = found if digest(found) not in _automatic(folder, earlier) else None
-    if not clicks:
+    own, given = folder / CLICKS, None if by_hand is None else by_hand / f"{building.hull.id}.json"
+    path = given if given is not None and given.is_file() else own
+    clicks = read_clicks(path) if path.is_file() else {}
+    if not clicks or (path == own and digest(clicks) in _automatic(folder, earlier)):
         return building
-    strange = sorted(set(clicks) - names)
+    strange = sorted(set(clicks) - set(photos))
     if strange:
-        raise BadInput(f"'{given or own}' names the photo '{strange[0]}', which the scene does not have; correct it.")
+        raise BadInput(f"'{path}' names the photo '{strange[0]}', which the scene does not have; correct it.")
+    check_prompts(PromptsFile.read(path), photos, placed=True)
     return replace(building, hull=replace(building.hull, state=BY_HAND, reason=""), clicks=clicks, by_hand=True)
 
 
@@ -80,16 +90,25 @@ def digest(clicks: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(clicks, sort_keys=True).encode()).hexdigest() if clicks else ""
 
 
-def _automatic(folder: Path, earlier: dict[str, str]) -> set[str]:
-    """Return the digests of the automatic clicks that were written for a building, or were about to be."""
+def made_automatically(folder: Path) -> set[str]:
+    """Return the digests of the automatic clicks that were written into a folder, or were about to be."""
     try:
-        marked = {str(each) for each in json.loads((folder / AUTOMATIC).read_text(encoding="utf-8"))}
+        return {str(each) for each in json.loads((folder / AUTOMATIC).read_text(encoding="utf-8"))}
     except (OSError, ValueError, TypeError):
-        marked = set()
-    return marked | {earlier.get(folder.name, "")}
+        return set()
 
 
-def _read_clicks(path: Path) -> dict[str, Any]:
+def _automatic(folder: Path, earlier: dict[str, str]) -> set[str]:
+    """Return the digests of the automatic clicks of a building, by its folder and by the plan before."""
+    return made_automatically(folder) | {earlier.get(folder.name, "")}
+
+
+def read_clicks(path: Path) -> dict[str, Any]:
+    """Read a file of clicks, unchecked but for its form: photo -> entry.
+
+    Raises:
+        BadInput: it cannot be read, or holds something else.
+    """
     try:
         data = json.loads(path.read_bytes())
         if not isinstance(data, dict):

@@ -15,7 +15,8 @@ from mgf_engine.messages import Reporter
 from mgf_engine.options.config import make_config
 from mgf_engine.system.memory import GB
 from mgf_engine.town.folder import town_folder
-from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, ONE, Plan
+from mgf_engine.town.hulls import WITH_JOB
+from mgf_engine.town.plan import BUILDINGS, MOST_PHOTOS, Plan
 from mgf_engine.town.plan_files import read_plan
 
 
@@ -57,7 +58,7 @@ def buildings_command(args: argparse.Namespace, user_options: dict[str, Any]) ->
     with town_folder(args.out, args.scene):
         plan = plan_town(args, user_options)
     print(format_plan(plan))
-    rows = [row for row in read_plan(args.out)["buildings"] if (args.out / BUILDINGS / row["id"] / ONE).is_file()]
+    rows = [row for row in read_plan(args.out)["buildings"] if row["state"] in WITH_JOB]
     if rows:
         print(time_and_memory(rows))
     print(f"Written to {args.out / BUILDINGS}; look at {args.out / 'map.png'} before the jobs.")
@@ -116,14 +117,15 @@ def _say(text: str) -> None:
 def format_plan(plan: Plan) -> str:
     """Return the plan as people read it, what is doubtful below."""
     metre = plan.placed.metre
-    head = f"{'building':<20}{'state':<18}{'height':>8}{'area':>9}{'photos':>8}{'clicked':>9}{'pixel':>9}"
+    wide = 2 + max([18, *(len(building.hull.id) for building in plan.buildings)])
+    head = f"{'building':<{wide}}{'state':<18}{'height':>8}{'area':>9}{'photos':>8}{'clicked':>9}{'pixel':>9}"
     lines = [plan.placed.note, "", head]
     for building in plan.buildings:
         hull, choice = building.hull, building.choice
         height, area = (hull.high - hull.low) / metre, hull.polygon.area / metre**2
         pixel = f"{100 * choice.pixel:>6.1f} cm" if choice.photos else ""
         lines.append(
-            f"{hull.id:<20}{hull.state:<18}{height:>6.1f} m{area:>6.0f} m2"
+            f"{hull.id:<{wide}}{hull.state:<18}{height:>6.1f} m{area:>6.0f} m2"
             f"{len(choice.photos):>8}{len(building.clicks):>9}{pixel}"
         )
     lines += [""] + [f"{b.hull.id}: {b.hull.reason}" for b in plan.buildings if b.hull.reason]

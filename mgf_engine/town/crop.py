@@ -21,6 +21,9 @@ class BuildingBoxOptions:
     eaves: float = parameter(1.8, "Distance of the box from the footprint at free sides", "m")
     neighbour: float = parameter(0.3, "Distance of the box from the footprint towards a neighbour", "m")
     below: float = parameter(0.3, "Depth of the box below the ground", "m")
+    unknown_height: float = parameter(
+        40.0, "Height of the box over the ground where no points tell that of the building", "m", low=1.0
+    )
 
 
 def crop_box(
@@ -56,7 +59,9 @@ def crop_box(
     low = np.array([-reach[0], -reach[2]])
     high = np.array([sizes[0] + reach[1], sizes[1] + reach[3]])
     middle, half = (low + high) / 2, (high - low) / 2
-    bottom, top = hull.low - options.below * metre, hull.high + max(4 * metre, 0.75 * (hull.high - hull.low))
+    bottom, top = hull.low - options.below * metre, hull.low + options.unknown_height * metre
+    if hull.height_known:
+        top = hull.high + max(4 * metre, 0.75 * (hull.high - hull.low))
     matrix = np.eye(4)
     matrix[:2, 0], matrix[:2, 1] = axes[0] * half[0], axes[1] * half[1]
     matrix[2, 2] = (top - bottom) / 2

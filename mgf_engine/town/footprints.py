@@ -98,8 +98,16 @@ def _read_with_gdal(path: Path, layer: str) -> tuple[list[str], list[Any], str |
     shapes = list(shapely.from_wkb(wkb, on_invalid="ignore")) if wkb is not None else []
     fields = [str(field).lower() for field in meta["fields"]]
     named = next((columns[fields.index(key)] for key in _NAMES if key in fields), None)
-    names = [str(fid) if named is None else str(named[i]) for i, fid in enumerate(fids)]
+    names = [_name(fid if named is None else named[i]) or str(fid) for i, fid in enumerate(fids)]
     return names, shapes, meta["crs"]
+
+
+def _name(value: Any) -> str:
+    """Return a field of a map as a name; empty where nobody filled it in. Whole numbers beside empty fields come as
+    real ones."""
+    if value is None or value != value:
+        return ""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
 
 
 def _layer_of_areas(layers: Any) -> str | None:

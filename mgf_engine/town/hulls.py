@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 #: What can be said of a building before its job. ``doubtful`` ones get no clicks; clicks by hand settle them.
 READY, BY_HAND, DOUBTFUL, GONE, UNSEEN = "ready", "by hand", "doubtful", "nothing there", "not photographed"
 UNMAPPED = "not in the map"
+#: States of buildings that get a job; the Snakefile has them, too.
+WITH_JOB = (READY, BY_HAND)
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class Hull:
         points: number of sparse points on it.
         state: one of :data:`READY`, :data:`DOUBTFUL`, :data:`GONE`, :data:`UNMAPPED`.
         reason: one sentence where it is not ready.
+        height_known: points tell the top; else it is that of the lowest building.
     """
 
     id: str
@@ -53,6 +56,7 @@ class Hull:
     points: int
     state: str = READY
     reason: str = ""
+    height_known: bool = True
 
 
 def make_hulls(
@@ -113,9 +117,9 @@ def _hull(
             return Hull(name, polygon, ground, top + 0.2 * metre, len(raised))
     if len(inside) - len(raised) >= options.least_points:
         reason = f"The points show ground where the map has a building ({len(inside)} points, {len(raised)} above it)."
-        return Hull(name, polygon, ground, ground + options.lowest * metre, len(raised), GONE, reason)
+        return Hull(name, polygon, ground, ground + options.lowest * metre, len(raised), GONE, reason, False)
     reason = f"Only {len(raised)} points lie on it, too few to tell its height; click it by hand if it is there."
-    return Hull(name, polygon, ground, ground + options.lowest * metre, len(raised), DOUBTFUL, reason)
+    return Hull(name, polygon, ground, ground + options.lowest * metre, len(raised), DOUBTFUL, reason, False)
 
 
 def ground_of(heights: Array) -> float:
@@ -165,8 +169,10 @@ def sample_prism(polygon: shapely.Geometry, low: float, high: float, spacing: fl
             line = shapely.get_coordinates(ring)
             for a, b in pairwise(line):
                 length = float(np.linalg.norm(b - a))
+                if length < 1e-9:  # maps name corners twice
+                    continue
                 steps = max(1, round(length / spacing))
-                out = np.array([b[1] - a[1], a[0] - b[0]]) / max(length, 1e-12)
+                out = np.array([b[1] - a[1], a[0] - b[0]]) / length
                 middle = (a + b) / 2 + 1e-3 * length * out
                 out = -out if part.contains(shapely.Point(*middle)) else out
                 for share in (np.arange(steps) + 0.5) / steps:

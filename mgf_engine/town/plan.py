@@ -23,12 +23,12 @@ from mgf_engine.town.crop import BuildingBoxOptions
 from mgf_engine.town.find import OutlineOptions, find_outlines
 from mgf_engine.town.footprints import Footprints
 from mgf_engine.town.hulls import (
-    BY_HAND,
     DOUBTFUL,
     GONE,
     READY,
     UNMAPPED,
     UNSEEN,
+    WITH_JOB,
     BuildingHullOptions,
     Hull,
     make_hulls,
@@ -85,7 +85,12 @@ class Building:
     @property
     def runs(self) -> bool:
         """Whether a job can be made of it."""
-        return self.hull.state in (READY, BY_HAND)
+        return self.hull.state in WITH_JOB
+
+    def photo_names(self, scene: Scene) -> list[str]:
+        """Return the photos of its job by name: those of its choice, then those that somebody clicked besides."""
+        chosen = [scene.views[k].name for k in self.choice.photos]
+        return list(dict.fromkeys([*chosen, *self.clicks])) if self.by_hand else chosen
 
 
 @dataclass(frozen=True)

@@ -66,11 +66,11 @@ def write_plan(
     Raises:
         BadInput: a file of clicks cannot be read.
     """
-    earlier, names = read_automatic(out / FILE), {view.name for view in plan.scene.views}
+    earlier, photos = read_automatic(out / FILE), {view.name: Path(view.photo) for view in plan.scene.views}
     plan = replace(plan, buildings=tuple(
-        with_hand_clicks(building, _folder(out, building), by_hand, earlier, names) for building in plan.buildings
+        with_hand_clicks(building, _folder(out, building), by_hand, earlier, photos) for building in plan.buildings
     ))  # fmt: skip
-    submodels, polygons = _Submodels(plan, job), {b.hull.id: b.hull.polygon for b in plan.buildings}
+    submodels, polygons = _Submodels(plan, job, photos), {b.hull.id: b.hull.polygon for b in plan.buildings}
     rows = [_row(building, plan, user_options, polygons) for building in plan.buildings]
     for building, row in zip(plan.buildings, rows, strict=True):
         folder = _folder(out, building)
@@ -99,16 +99,15 @@ def _folder(out: Path, building: Building) -> Path:
 class _Submodels:
     """Parts of the COLMAP model of the shared scene, one for each building."""
 
-    def __init__(self, plan: Plan, job: Job) -> None:
+    def __init__(self, plan: Plan, job: Job, photos: dict[str, Path]) -> None:
         self.plan, self.model = plan, _model_of(job)
         self.points = plan.placed.georeference.local(self.model.points.xyz)
-        self.photos = {view.name: Path(view.photo) for view in plan.scene.views}
+        self.photos = photos
         self.images = {image.name.replace("\\", "/"): image.name for image in self.model.images}
 
     def write(self, building: Building, folder: Path) -> None:
         """Write the images of a building, and the points around its footprint."""
-        names = [self.plan.scene.views[k].name for k in building.choice.photos]
-        names = list(dict.fromkeys([*names, *building.clicks])) if building.by_hand else names
+        names = building.photo_names(self.plan.scene)
         reach = building.hull.polygon.buffer(self.plan.options.around * self.plan.placed.metre)
         images = [self.images[name] for name in names]
         photos = {self.images[name]: self.photos[name] for name in names}
@@ -132,7 +131,7 @@ def _within(area: shapely.Geometry, points: NDArray[np.float64]) -> NDArray[np.b
 def _row(building: Building, plan: Plan, user_options: dict[str, Any], polygons: dict[str, Any]) -> dict[str, Any]:
     """Describe a building as plain data, for ``buildings.json``."""
     hull, choice, metre = building.hull, building.choice, plan.placed.metre
-    names = [plan.scene.views[k].name for k in choice.photos]
+    names = building.photo_names(plan.scene)
     options = {**user_options, "gps": "off", "crop_box": crop_box(hull, polygons, plan.placed, plan.options.box)}
     for name in ("crs", "control", "marks", "scale_bars"):  # the town has them, once for all
         options.pop(name, None)
@@ -146,18 +145,23 @@ def _row(building: Building, plan: Plan, user_options: dict[str, Any], polygons:
         "automatic": "" if building.by_hand else digest(building.clicks), "options": options,
     }  # fmt: skip
     if names:
-        row["estimate"] = _estimate(plan.scene, building, options)
+        row["estimate"] = _estimate(plan.scene, len(names), choice.share, options)
     return row
 
 
-def _estimate(scene: Scene, building: Building, options: dict[str, Any]) -> dict[str, Any]:
-    """Estimate the seconds and bytes of the building's job."""
+def _estimate(scene: Scene, count: int, share: float, options: dict[str, Any]) -> dict[str, Any]:
+    """Estimate the seconds and bytes of the job of a building.
+
+    Args:
+        scene: of the town.
+        count: number of the building's photos.
+        share: of such a photo that the building fills.
+        options: of the job.
+    """
     config: Config = make_config(options)
     sizes = Counter((view.original_width, view.original_height) for view in scene.views)
     width, height = sizes.most_common(1)[0][0]
-    photos = PhotoSummary(
-        len(building.choice.photos), (max(width, height), min(width, height)), True, max(0.02, building.choice.share)
-    )
+    photos = PhotoSummary(count, (max(width, height), min(width, height)), True, max(0.02, share))
     found = estimate(config, photos)
     return {"seconds": round(sum(found.seconds.values()), 1), "bytes": round(max(found.memory.values()))}
 

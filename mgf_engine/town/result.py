@@ -21,6 +21,7 @@ from mgf_engine.georef.export import GLTF_AXES
 from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.mesh.decimate import reduce_faces
 from mgf_engine.model.mesh import Mesh, Texture
+from mgf_engine.town.hulls import WITH_JOB
 from mgf_engine.town.plan import BUILDINGS
 from mgf_engine.town.plan_files import read_plan
 from mgf_engine.town.solid import merge_cityjson, read_solids
@@ -54,7 +55,7 @@ def read_rows(town: Path, running: bool) -> list[dict[str, Any]]:
         folder = town / BUILDINGS / row["id"]
         status, done = read_record(folder / STATUS), read_record(folder / DONE)
         job = ""
-        if row["state"] in ("ready", "by hand"):
+        if row["state"] in WITH_JOB:
             job = FINISHED if done else status.get("state", WAITING)
             if job == RUNNING and not running:
                 job, status["text"] = FAILED, f"It was killed; '{folder / 'worker.txt'}' has its last words."
@@ -149,7 +150,7 @@ def write_table(path: Path, town: Path, rows: list[dict[str, Any]], georeference
         "height": [row.get("measured", {}).get("height", np.nan) for row in rows],
         "area": [row["area"] for row in rows],
         "volume": [row.get("measured", {}).get("volume", np.nan) for row in rows],
-        "confidence": [row["done"].get("confidence") or np.nan for row in rows],
+        "confidence": [row["done"].get("confidence") for row in rows],
         "photos": [len(row["photos"]) for row in rows],
         "seconds": [row["done"].get("job_seconds", np.nan) for row in rows],
         "cpu_seconds": [row["done"].get("cpu_seconds", np.nan) for row in rows],

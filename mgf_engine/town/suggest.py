@@ -16,27 +16,26 @@ from numpy.typing import NDArray
 from mgf_engine.console.commands import run_reported
 from mgf_engine.console.shared_arguments import add_reporting_arguments, path_of
 from mgf_engine.errors import BadInput
-from mgf_engine.files.atomic import json_text
 from mgf_engine.files.images import write_picture
 from mgf_engine.georef.model import Georeference
-from mgf_engine.jobs.job_folder import remove_refused
+from mgf_engine.jobs.job_folder import check_no_file, remove_refused
 from mgf_engine.messages import Reporter
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.config import Config
 from mgf_engine.scene.cameras import from_original
 from mgf_engine.scene.crop import parse_crop_box
+from mgf_engine.town.click_files import digest, made_automatically, read_clicks, write_automatic
 from mgf_engine.town.clicks import suggest_clicks
 from mgf_engine.town.find import find_outlines
 from mgf_engine.town.hulls import READY, make_hulls
 from mgf_engine.town.place import local_points, place_scene
-from mgf_engine.town.plan import PlanOptions
-from mgf_engine.town.submodel import write_if_changed
+from mgf_engine.town.plan import CLICKS, SCENE, PlanOptions, shared_scene
 from mgf_engine.town.view_selection import MIN_BUILDING_PHOTOS, HullScene, choose_photos
 
 Array = NDArray[np.float64]
 Clicks = dict[str, dict[str, list[list[float]]]]
 STAGE = "suggest"
-CLICKS, SHEET = "prompts.json", "clicks.jpg"
+SHEET = "clicks.jpg"
 _GREEN, _RED, _TILE = (60, 220, 60), (40, 40, 235), 480
 
 
@@ -64,13 +63,12 @@ def _suggest(args: argparse.Namespace, user_options: dict[str, Any], reporter: R
     """Suggest the clicks, write them and the sheet, and report them.
 
     Raises:
-        BadInput: ``--point`` is no place, or as the scene stage and :func:`suggest_for_one`; earlier clicks are then
-            still there.
+        BadInput: ``--point`` is no place, the folder holds clicks by hand, or as the scene stage and
+            :func:`suggest_for_one`; earlier clicks are then still there.
     """
     if args.point is not None and not np.isfinite(args.point).all():
         raise BadInput("--point takes three finite numbers, X Y Z in the coordinates of the scene.")
-    from mgf_engine.town.plan import SCENE, shared_scene
-
+    check_earlier(args.out)
     every = {**user_options, "max_photos": 0}  # a job of its own keeps the photos that it was told to use
     where = (args.out / SCENE, every) if args.job is None else (args.job, user_options)
     new = not args.out.exists()
@@ -84,7 +82,7 @@ def _suggest(args: argparse.Namespace, user_options: dict[str, Any], reporter: R
     reporter.stage(STAGE)
     clicks, place = suggest_for_one(scene, job.config, args.point, reporter)
     args.out.mkdir(parents=True, exist_ok=True)
-    write_if_changed(args.out / CLICKS, json_text(clicks, indent=1))
+    write_automatic(clicks, args.out, made_automatically(args.out))
     draw_clicks(scene, clicks, args.out / SHEET)
     count = sum(len(points) for entry in clicks.values() for points in entry.values())
     if args.progress == "json":
@@ -95,6 +93,21 @@ def _suggest(args: argparse.Namespace, user_options: dict[str, Any], reporter: R
     reporter.close()
     print(place)
     print(f"{count} clicks on {len(clicks)} photos: {args.out / CLICKS}; look at {args.out / SHEET} first.")
+
+
+def check_earlier(folder: Path) -> None:
+    """Check that a folder holds no clicks that suggested ones would take the place of.
+
+    Raises:
+        BadInput: it does, it is a file, or what it holds cannot be read.
+    """
+    check_no_file(folder)
+    path, known = folder / CLICKS, made_automatically(folder)
+    if not path.is_file() or (not known and (folder / SHEET).is_file()):  # an earlier version kept no record
+        return
+    found = digest(read_clicks(path))
+    if found and found not in known:
+        raise BadInput(f"'{path}' holds clicks that 'mgf suggest-clicks' did not make; give --out another folder.")
 
 
 def suggest_for_one(

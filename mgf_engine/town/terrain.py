@@ -11,6 +11,7 @@ import argparse
 import json
 import sys
 import time
+import traceback
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
-from mgf_engine.errors import EXIT_DONE, BadInput, explain
+from mgf_engine.errors import EXIT_DONE, EXIT_FAULT, BadInput, explain
 from mgf_engine.files.atomic import write_json
 from mgf_engine.geometry.boxes import grid_points
 from mgf_engine.geometry.mesh_files import write_ply, write_texture
-from mgf_engine.georef.model import read_georeference
+from mgf_engine.georef.model import Georeference, read_georeference
 from mgf_engine.jobs.job_folder import with_algorithms_of_job
 from mgf_engine.mesh.colors import color_from_photos
 from mgf_engine.model.masks import BACKGROUND, BUILDING, MaskSet, building
@@ -34,12 +35,12 @@ from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.system.machine import cpu_seconds
-from mgf_engine.town.find import height_over_ground
+from mgf_engine.town.find import OutlineOptions, height_over_ground
 from mgf_engine.town.hulls import GONE, Hull
 from mgf_engine.town.place import local_points, to_normalised
 from mgf_engine.town.plan import SCENE
 from mgf_engine.town.plan_files import read_plan
-from mgf_engine.town.view_selection import draw_hulls
+from mgf_engine.town.view_selection import BuildingViewOptions, draw_hulls
 
 Array = NDArray[np.float64]
 FOLDER, MESH, DONE, LOG = "terrain", "terrain.ply", "terrain.json", "log.txt"
@@ -56,6 +57,8 @@ class TerrainOptions:
     gap: int = parameter(3, "Number of cells without a point that the surface bridges, beside those under buildings")
     least_points: int = parameter(50, "Minimum number of points of the ground", low=4)
     texture_side: int = parameter(4096, "Maximum side of the texture", "px", low=16)
+    outlines: OutlineOptions = OutlineOptions()
+    views: BuildingViewOptions = BuildingViewOptions()
 
 
 def make_terrain(town: Path) -> dict[str, Any]:
@@ -71,14 +74,14 @@ def make_terrain(town: Path) -> dict[str, Any]:
     plan, georeference = read_plan(town), read_georeference(town)
     metre = float(plan["metre"])
     scene = read_saved_scene(town / SCENE / "scene")
-    hulls = read_hulls(town, plan)
+    hulls = read_hulls(town, plan, georeference)
     points = local_points(scene, georeference)
     options = with_algorithms_of_job(town / SCENE, {}).algorithm(TerrainOptions)
     ground = ground_surface(points, [hull.polygon for hull in hulls], metre, options)
     folder = town / FOLDER
     folder.mkdir(exist_ok=True)
     warnings: list[str] = []
-    masks = _ground_masks(scene, town, hulls, options.eaves * metre, metre)
+    masks = _ground_masks(scene, georeference, hulls, metre, options)
     seen = replace(ground, vertices=to_normalised(scene, georeference, ground.vertices))
     seen = color_from_photos(seen, scene.views, scene.photo, [building(labels) for labels in masks.labels])
     texture = make_texture(seen, scene, masks, options.texture_side, warnings.append)
@@ -92,9 +95,9 @@ def make_terrain(town: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def read_hulls(town: Path, plan: dict[str, Any]) -> list[Hull]:
+def read_hulls(town: Path, plan: dict[str, Any], georeference: Georeference) -> list[Hull]:
     """Read the hulls of what stands in a planned town, local frame."""
-    offset = np.array(read_georeference(town).offset[:2])
+    offset = np.array(georeference.offset[:2])
     features = json.loads((town / "buildings.geojson").read_text(encoding="utf-8"))["features"]
     hulls = []
     for row, feature in zip(plan["buildings"], features, strict=True):
@@ -122,7 +125,7 @@ def ground_surface(
     """
     built = shapely.union_all([polygon.buffer(options.eaves * metre) for polygon in footprints])
     shapely.prepare(built)
-    low = height_over_ground(points, metre) < options.above * metre
+    low = height_over_ground(points, metre, options.outlines) < options.above * metre
     ground = points[low & ~shapely.contains_xy(built, points[:, :2])]
     if len(ground) < options.least_points:
         raise BadInput(
@@ -184,13 +187,15 @@ def _triangles(kept: NDArray[np.bool_]) -> NDArray[np.int32]:
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int32)
 
 
-def _ground_masks(scene: Scene, town: Path, hulls: list[Hull], eaves: float, metre: float) -> MaskSet:
+def _ground_masks(
+    scene: Scene, georeference: Georeference, hulls: list[Hull], metre: float, options: TerrainOptions
+) -> MaskSet:
     """Return masks that show all but buildings, so that none is painted on the ground behind it."""
     count = len(scene.views)
     labels = [np.full((view.height, view.width), BUILDING, np.uint8) for view in scene.views]
     if hulls:
-        wide = [Hull(h.id, h.polygon.buffer(eaves), h.low, h.high, h.points) for h in hulls]
-        drawn = draw_hulls(scene, read_georeference(town), wide, metre)
+        wide = [replace(hull, polygon=hull.polygon.buffer(options.eaves * metre)) for hull in hulls]
+        drawn = draw_hulls(scene, georeference, wide, metre, options.views)
         for k, view in enumerate(scene.views):
             hidden = (drawn.owner[k] >= 0).astype(np.uint8)
             labels[k][cv2.resize(hidden, (view.width, view.height), interpolation=cv2.INTER_NEAREST) > 0] = BACKGROUND
@@ -211,7 +216,9 @@ def main() -> int:
     try:
         figures = make_terrain(args.town)
     except (Exception, KeyboardInterrupt) as error:
-        code, text = explain(error)
+        code, text = explain(error, again="run again", place=args.town)
+        if code == EXIT_FAULT:
+            traceback.print_exception(error)
         print(text, file=sys.stderr)
         return code
     write_json(args.town / FOLDER / DONE, figures)

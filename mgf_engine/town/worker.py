@@ -174,9 +174,10 @@ def _write_solid(folder: Path) -> None:
 def read_record(path: Path) -> dict[str, Any]:
     """Read ``status.json``, ``done.json`` or ``building.json``; empty where it is missing or damaged."""
     try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError):
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return {}
+    return record if isinstance(record, dict) else {}
 
 
 def _watch(reporter: Reporter) -> None:

@@ -120,6 +120,19 @@ def test_the_same_again_writes_nothing_and_clicks_by_hand_win(street: Street, ou
     assert json.loads((out / "buildings/right/prompts.json").read_text()) == by_hand
 
 
+def test_clicks_by_hand_settle_what_points_do_not_show(
+    street: Street, out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clicked = sorted(path.name for path in (street.folder / "images").iterdir())[:4]
+    clicks = {name: {"positive": [[100, 90]], "negative": []} for name in clicked}
+    (tmp_path / "gone.json").write_text(json.dumps(clicks))
+    assert buildings(street, out, "--clicks", tmp_path) == 0
+    row = rows(out)["gone"]
+    assert row["state"] == "by hand" and row["photos"] == clicked and row["estimate"]["seconds"] > 0
+    assert "Jobs: 3" in capsys.readouterr().out
+    (out / "buildings" / "gone" / "prompts.json").unlink()
+
+
 def test_ten_thousand_footprints_elsewhere_cost_little(street: Street, out: Path, tmp_path: Path) -> None:
     places = {"left": PLACES["left"], **{f"far{k}": (500.0 + 8 * (k % 100), 8.0 * (k // 100)) for k in range(10_000)}}
     write_footprints(tmp_path / "large.geojson", places)

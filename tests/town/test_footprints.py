@@ -62,6 +62,14 @@ def test_maps_of_every_kind_say_the_same(kind: str, tmp_path: Path) -> None:
     assert [p.area for p in found.polygons] == pytest.approx([p.area for p in polygons], rel=1e-6)
 
 
+@pytest.mark.parametrize("column", [np.array([np.nan, 12.0]), np.array([None, "12 "], object)])
+def test_a_building_without_a_name_has_the_number_of_its_entry(column: np.ndarray, tmp_path: Path) -> None:
+    pyogrio.raw.write(
+        tmp_path / "map.gpkg", shapely.to_wkb(PAIR), [column], ["id"], crs=CRS, geometry_type="Unknown"
+    )  # fmt: skip
+    assert read_footprints(tmp_path / "map.gpkg").ids == ("1", "12")
+
+
 def test_geojson_that_names_no_system_has_none(tmp_path: Path) -> None:
     write_footprints(tmp_path / "map.geojson", {"a": (0.0, 0.0)})
     assert read_footprints(tmp_path / "map.geojson").crs is None
