@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.options import ControlPointOptions
 from mgf_engine.georef.tables import Table, number_in, read_table, read_text
+from mgf_engine.scene.colmap import PHOTO_KINDS
 from mgf_engine.scene.names import named_like
 
 Array = NDArray[np.float64]
@@ -190,7 +191,7 @@ def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tup
     """Read the marks of a file, and the names of photos in it that are no views.
 
     Raises:
-        BadInput: the file cannot be used, or none of its photos is a view.
+        BadInput: the file cannot be used, none of its photos is a view, or one may be any of several.
     """
     table = read_table(path, _MARK_COLUMNS)
     at = table.columns or dict(zip(("name", "photo", "x", "y"), range(4), strict=True))
@@ -201,40 +202,72 @@ def read_marks(path: Path, photos: Sequence[str]) -> tuple[tuple[Mark, ...], tup
         at = {**at, "name": 1, "photo": 0}  # the photo first, as other programs write it
     marks, unknown_photos = [], []
     for row in range(len(table.rows)):
-        views = named_like(table.text(row, at["photo"]), photos)
-        if len(views) != 1:
-            unknown_photos.append(table.text(row, at["photo"]))
+        name = table.text(row, at["photo"])
+        view = _view_of(name, photos, path)
+        if view is None:
+            unknown_photos.append(name)
             continue
         pixel = (table.number(row, at["x"]), table.number(row, at["y"]))
-        marks.append(Mark(table.text(row, at["name"]), views[0], pixel))
+        marks.append(Mark(table.text(row, at["name"]), view, pixel))
     if not marks:
-        raise BadInput(
-            f"No photo named in '{path}' is among the job's (such as '{unknown_photos[0]}'); check the names."
-        )
+        raise _no_photo(path, unknown_photos)
     return tuple(marks), tuple(dict.fromkeys(unknown_photos))
+
+
+def _view_of(name: str, photos: Sequence[str], path: Path) -> int | None:
+    """Return the index of the photo that a file names; None where it is no view.
+
+    Raises:
+        BadInput: it may be one of several.
+    """
+    views = named_like(name, photos)
+    if len(views) > 1:
+        some = ", ".join(photos[view] for view in views[:3])
+        raise BadInput(f"The photo '{name}' in '{path}' could be any of {some}; give its full name.")
+    return views[0] if views else None
+
+
+def _no_photo(path: Path, names: Sequence[str]) -> BadInput:
+    return BadInput(f"No photo named in '{path}' is among the job's (such as '{names[0]}'); check the names.")
 
 
 def _odm(path: Path, photos: Sequence[str], accuracy: float) -> ControlPoints | None:
     """Read OpenDroneMap's list; None where the file is none: first the CRS, then east, north, height, x, y, photo,
-    name."""
-    lines = [line.strip() for line in read_text(path).splitlines()]
-    lines = [line for line in lines if line and not line.startswith("#")]
-    rows = [line.split() for line in lines[1:]]
-    if not rows or any(len(row) < 6 or any(number_in(f) is None for f in row[:5]) for row in rows):
+    name. A file is one where most of its lines are such rows; the CRS may be missing.
+
+    Raises:
+        BadInput: a line is no such row, a point lies in two places, or none of the photos is a view.
+    """
+    lines = [(number, line.strip()) for number, line in enumerate(read_text(path).splitlines(), start=1)]
+    rows = [(number, line.split()) for number, line in lines if line and not line.startswith("#")]
+    crs = "" if not rows or _is_odm_row(rows[0][1], photos) else " ".join(rows.pop(0)[1])
+    if 2 * sum(_is_odm_row(row, photos) for _, row in rows) <= len(rows):
         return None
     points: dict[str, ControlPoint] = {}
     marks, unknown_photos = [], []
-    for row in rows:
-        place = tuple(float(number_in(field) or 0.0) for field in row[:3])
+    for number, row in rows:
+        values = [found for field in row[:5] if (found := number_in(field)) is not None]
+        if len(row) < 6 or len(values) < 5:
+            raise BadInput(
+                f"Line {number} of '{path}' is not of the form east north height x y photo name; correct it."
+            )
+        east, north, height, x, y = values
         name = row[6] if len(row) > 6 else " ".join(row[:3])
-        points.setdefault(name, ControlPoint(name, (place[0], place[1], place[2]), sd=(accuracy, accuracy)))
-        views = named_like(row[5], photos)
-        if len(views) == 1:
-            marks.append(Mark(name, views[0], (float(number_in(row[3]) or 0.0), float(number_in(row[4]) or 0.0))))
-        else:
+        point = points.setdefault(name, ControlPoint(name, (east, north, height), sd=(accuracy, accuracy)))
+        if point.position != (east, north, height):
+            raise BadInput(f"The point '{name}' lies in two places in '{path}'; give every point a name of its own.")
+        view = _view_of(row[5], photos, path)
+        if view is None:
             unknown_photos.append(row[5])
+        else:
+            marks.append(Mark(name, view, (x, y)))
     if not marks:
-        raise BadInput(
-            f"No photo named in '{path}' is among the job's (such as '{unknown_photos[0]}'); check the names."
-        )
-    return ControlPoints(tuple(points.values()), tuple(marks), lines[0], tuple(dict.fromkeys(unknown_photos)))
+        raise _no_photo(path, unknown_photos)
+    return ControlPoints(tuple(points.values()), tuple(marks), crs, tuple(dict.fromkeys(unknown_photos)))
+
+
+def _is_odm_row(row: Sequence[str], photos: Sequence[str]) -> bool:
+    """Tell whether the fields of a line are five numbers and a photo; in a table of points a role may stand there."""
+    if len(row) < 6 or any(number_in(field) is None for field in row[:5]):
+        return False
+    return bool(named_like(row[5], photos)) or PurePosixPath(row[5]).suffix.lower() in PHOTO_KINDS

@@ -61,7 +61,7 @@ class ProjectedCrs:
             near: latitude and longitude of the scene, for ``auto`` and for guesses.
 
         Raises:
-            BadInput: there is no such CRS, or coordinates of it are no metres.
+            BadInput: there is no such CRS, or coordinates of it are no metres on the ground.
         """
         pyproj = proj()
         if text == AUTO:
@@ -88,6 +88,11 @@ class ProjectedCrs:
         units = {axis.unit_name for axis in self.crs.axis_info[:2]}
         if units != {"metre"}:
             raise BadInput(f"{self.name} counts in {units.pop()}, not in metres; give a system in metres.")
+        if stretches(self.crs):
+            raise BadInput(
+                f"{self.name} ({self.crs.name}) stretches lengths away from the equator, in the middle of Europe to "
+                f"one and a half; give a system in true metres{_such_as(near)}."
+            )
         self.title = self.crs.name
         self.to_wgs84 = pyproj.Transformer.from_crs(self.crs.to_3d(), _WGS84, always_xy=True)
         self.vertical = len(self.crs.axis_info) > 2
@@ -138,6 +143,12 @@ class ProjectedCrs:
             return str(self.crs.to_wkt("WKT1_ESRI"))
         except pyproj.exceptions.CRSError:
             return str(self.crs.to_wkt("WKT1_GDAL"))
+
+
+def stretches(crs: Any) -> bool:
+    """Tell whether lengths in a CRS of pyproj are those of a map of the world, which grow towards the poles."""
+    method = crs.coordinate_operation.method_name if crs.coordinate_operation is not None else ""
+    return bool(re.match("Mercator|Popular Visualisation", method))  # not transverse or oblique ones
 
 
 def normalise_crs(text: str) -> str:

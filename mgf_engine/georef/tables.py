@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Mapping
@@ -63,7 +64,10 @@ def read_table(path: Path, names: Mapping[str, tuple[str, ...]]) -> Table:
     notes = [text.strip().lstrip("#").strip() for _, text in lines if text.lstrip().startswith("#")]
     plain = [(number, text) for number, text in lines if not text.lstrip().startswith("#")]
     separator = _separator([text for _, text in plain])
-    rows = [(number, _fields(text, separator)) for number, text in plain]
+    try:
+        rows = [(number, _fields(text, separator)) for number, text in plain]
+    except csv.Error as error:  # of fields longer than any table has
+        raise BadInput(f"'{path}' is no text file; give a table with one point in each line.") from error
     columns: dict[str, int] = {}
     if rows and not any(number_in(field) is not None for field in rows[0][1]):
         columns = _heading(rows.pop(0)[1], names)
@@ -122,8 +126,10 @@ def _has_decimal_commas(line: str) -> bool:
 
 
 def _fields(text: str, separator: str) -> list[str]:
-    parts = text.split() if separator == " " else text.split(separator)
-    return [part.strip().strip('"').strip() for part in parts]
+    if separator == " ":
+        return [part.strip('"') for part in text.split()]
+    parts = next(csv.reader([text], delimiter=separator, skipinitialspace=True))  # quotes may hold the separator
+    return [part.strip() for part in parts]
 
 
 def _heading(fields: list[str], names: Mapping[str, tuple[str, ...]]) -> dict[str, int]:

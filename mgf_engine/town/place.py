@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mgf_engine.errors import BadInput, reason
-from mgf_engine.georef.crs import AUTO, normalise_crs, proj, utm_zone_number
+from mgf_engine.georef.crs import AUTO, normalise_crs, proj, stretches, utm_zone_number
 from mgf_engine.georef.find import find_georeference
 from mgf_engine.georef.fit_gps import MIN_GPS_POSITIONS
 from mgf_engine.georef.gps import read_gps_position
@@ -239,9 +239,8 @@ def _in_metres(crs: str) -> bool:
         found = pyproj.CRS.from_user_input(crs)
     except pyproj.exceptions.CRSError as error:
         raise BadInput(f"There is no coordinate reference system '{crs}'; give --footprints-crs.") from error
-    method = found.coordinate_operation.method_name if found.coordinate_operation is not None else ""
-    stretched = "Mercator" in method and "Transverse" not in method  # web maps: twice as long at 60 degrees north
-    return bool(found.is_projected and {axis.unit_name for axis in found.axis_info[:2]} == {"metre"} and not stretched)
+    metres = {axis.unit_name for axis in found.axis_info[:2]} == {"metre"}
+    return bool(found.is_projected and metres and not stretches(found))
 
 
 def near_scene(polygons: NDArray[np.object_], points: Array, metre: float) -> NDArray[np.bool_]:

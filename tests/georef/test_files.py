@@ -11,7 +11,7 @@ from support.survey_site import CRS, ORIGIN, write_photo
 
 from mgf_engine.errors import BadInput
 from mgf_engine.files.photo_tags import read_photo_tags
-from mgf_engine.georef.control_points import CHECK, CONTROL, read_control
+from mgf_engine.georef.control_points import CHECK, CONTROL, read_control, read_marks
 from mgf_engine.georef.export import write_georeferenced
 from mgf_engine.georef.gps import read_gps_position
 from mgf_engine.georef.model import METRE, Georeference, read_georeference
@@ -43,6 +43,53 @@ def test_points_of_metashape_are_read(tmp_path):
     assert control.crs == "EPSG:25832"
     assert [(p.name, p.role, p.sd[0]) for p in control.points] == [("P1", CONTROL, 0.02), ("P2", CHECK, 0.02)]
     assert [(m.point, m.view, m.pixel) for m in control.marks] == [("P1", 0, (10, 20)), ("P1", 1, (11, 21))]
+
+
+ODM = """EPSG:25832
+500000 5000000 100 10 20 DJI_0001.JPG P1
+500000 5000000 100 11 21 DJI_0002.JPG P1
+500010 5000003 101.5 12 22 DJI_0001.JPG P2
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ("500010 5000003", "5000x0 5000003", "Line 4 of .* is not of the form"),
+        ("12 22 DJI", "12 DJI", "Line 4 of .* is not of the form"),
+        ("500000 5000000 100 11", "500000 5000000 99 11", "'P1' lies in two places"),
+        ("DJI_", "IMG_", "No photo named in .*such as 'IMG_0001.JPG'"),
+    ],
+)
+def test_a_damaged_list_of_opendronemap_is_no_table_of_points(tmp_path, before, after, said):
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(ODM.replace(before, after))
+    with pytest.raises(BadInput, match=said):
+        read_control(path, None, PHOTOS)
+
+
+def test_a_list_of_opendronemap_without_its_first_line_loses_no_row(tmp_path):
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(ODM.partition("\n")[2])
+    control = read_control(path, None, PHOTOS)
+    assert control.crs == "" and [m.view for m in control.marks] == [0, 1, 0]
+
+
+def test_points_whose_names_are_numbers_are_no_list_of_opendronemap(tmp_path):
+    points, marks = tmp_path / "points.txt", tmp_path / "marks.csv"
+    points.write_text("1 500000 5000000 100 0.02 check\n2 500010 5000003 101 0.03 control\n")
+    marks.write_text("1 DJI_0001.JPG 10 20\n")
+    control = read_control(points, marks, PHOTOS)
+    assert [(p.name, p.role, p.position[0], p.sd[0]) for p in control.points] == [
+        ("1", CHECK, 500000.0, 0.02), ("2", CONTROL, 500010.0, 0.03),
+    ]  # fmt: skip
+
+
+def test_a_photo_that_may_be_one_of_two_is_named(tmp_path):
+    marks = tmp_path / "marks.csv"
+    marks.write_text("name,photo,x,y\nP1,1.jpg,10,20\nP1,west/2.jpg,10,20\n")
+    with pytest.raises(BadInput, match=r"'1.jpg' in .* could be any of east/1.jpg, west/1.jpg"):
+        read_marks(marks, ["east/1.jpg", "west/1.jpg", "west/2.jpg"])
 
 
 @pytest.mark.parametrize("fields", ["P2 4 5 6 check", "P2 4 5 6 0.02 check", "P2,4,5,6,check"])

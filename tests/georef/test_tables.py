@@ -61,12 +61,23 @@ def test_a_field_without_a_number_is_named_by_its_line(tmp_path: Path) -> None:
         "Label\tX/East\tY/North\nP 1\t1.5\t-2\n",
         '"name";"x";"y"\n"P 1";"1.5";"-2"\n',
         "\ufeffname,x,y\r\nP 1,1.5,-2\r\n",
+        'name, x, y\n"P 1", "1,5", -2\n',
     ],
 )
 def test_separators_decimal_commas_and_quotes(tmp_path: Path, content: str) -> None:
     table = read_table(write(tmp_path, content), NAMES)
     assert table.columns == {"name": 0, "east": 1, "north": 2} and table.rows[0][0] == "P 1"
     assert (table.number(0, 1), table.number(0, 2)) == (1.5, -2.0)
+
+
+def test_quotes_hold_the_separator(tmp_path: Path) -> None:
+    table = read_table(write(tmp_path, 'name,x,y\n"P 1, old",1.5,-2\nP2,3,4\n'), NAMES)
+    assert table.rows == [["P 1, old", "1.5", "-2"], ["P2", "3", "4"]]
+
+
+def test_a_field_without_end_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no text file"):
+        read_table(write(tmp_path, "name,x,y\nP1," + 200_000 * "1" + ",2\n"), NAMES)
 
 
 def test_a_table_without_heading_keeps_its_first_row(tmp_path: Path) -> None:
