@@ -22,7 +22,7 @@ from mgf_engine.models.kinds import KINDS
 from mgf_engine.models.levels import write_levels
 from mgf_engine.models.place import to_geocentric
 from mgf_engine.models.points import FILE as POINTS
-from mgf_engine.models.points import surface_points, write_laz
+from mgf_engine.models.points import MAX_POINTS, least_spacing, surface_points, write_laz
 from mgf_engine.models.report import add_to_report
 from mgf_engine.models.solid.build import NoSolid, SolidOptions, build_solid
 from mgf_engine.models.solid.openings import OpeningOptions, add_openings
@@ -78,7 +78,13 @@ def make_models(job: Path, out: Path | None, wanted: ModelOptions, reporter: Rep
 
 def _points(work: Work) -> None:
     """Write the points of the surface as LAZ."""
-    spacing = work.wanted.spacing or work.survey.working_pixel
+    wanted, least = work.wanted.spacing or work.survey.working_pixel, least_spacing(work.survey.mesh)
+    spacing = max(wanted, least)
+    if wanted < least:
+        work.reporter.warning(
+            f"Points {wanted:.3g} {work.survey.unit} apart would be more than {MAX_POINTS // 1_000_000} million; they "
+            f"lie {spacing:.3g} {work.survey.unit} apart."
+        )
     work.reporter.progress(_POINTS)
     with work.cost.of("points"):
         points, colors, normals = surface_points(work.survey.mesh, work.texture, spacing)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mgf_engine import __version__
 from mgf_engine.drawings.model import Array, Survey
 from mgf_engine.evaluation.surfaces import Surface
+from mgf_engine.geometry.clean import face_areas
 from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.atlas import colors_at
@@ -22,17 +23,22 @@ BUILDING = 6  # class of ASPRS
 STEPS = 5e6  # of a coordinate over the size of the building, where lengths are no metres
 
 
+def least_spacing(mesh: Mesh) -> float:
+    """Return the spacing at which a mesh has :data:`MAX_POINTS` points, in its unit."""
+    return float(np.sqrt(face_areas(mesh).sum() / MAX_POINTS))
+
+
 def surface_points(mesh: Mesh, texture: Texture | None, spacing: float) -> tuple[Array, NDArray[np.uint8], Array]:
     """Return points spread evenly over a mesh.
 
     Args:
-        spacing: about the distance between neighbours, in the mesh's unit.
+        spacing: about the distance between neighbours, in the mesh's unit; :func:`least_spacing` or more.
 
     Returns:
         points [N, 3], colours RGB uint8 [N, 3], outward normals [N, 3].
     """
     surface = Surface(mesh.vertices, mesh.faces.astype(np.int64))
-    count = int(np.clip(surface.areas.sum() / spacing**2, 1, MAX_POINTS))
+    count = max(1, int(surface.areas.sum() / spacing**2))
     points, face = surface.sample(count, np.random.default_rng(0))
     if texture is not None:
         colors = colors_at(points, face, surface, texture)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import laspy
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdShade, UsdValidation
+from support.finished_job import FinishedJob
 
+from mgf_engine.cli.main import main
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.models.points import surface_points
 from tests.models.conftest import CORNER
@@ -121,3 +124,15 @@ def test_points_are_as_many_as_the_spacing_says_and_have_the_texture_at_their_pl
     sure = np.abs(points[:, 0] - 0.5) > 0.02
     assert (colors[sure, 0] == np.where(points[sure, 0] > 0.5, 200, 0)).all()
     assert (surface_points(mesh, None, 0.1)[1] == 9).all()
+
+
+def test_more_points_than_a_file_should_have_are_said_to_be_fewer(
+    job: FinishedJob, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("mgf_engine.models.points.MAX_POINTS", 500)
+    out = tmp_path / "models"
+    assert main(["models", str(job.folder), "--only", "points", "--spacing", "0.01", "--out", str(out)]) == 0
+    said = capsys.readouterr().err
+    assert "would be more than" in said and "apart" in said
+    facts = json.loads((out / "models.json").read_text())["files"]["surface.laz"]
+    assert 499 <= facts["points"] <= 500 and facts["spacing"] > 1e-3
