@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import re
 from collections.abc import Sequence
 from importlib import import_module
 from typing import Any, NoReturn
@@ -62,6 +63,8 @@ class Parser(argparse.ArgumentParser):
         for kind, wanted in (("int", "a whole number"), ("float", "a number")):  # argparse names Python's types
             message = message.replace(f": invalid {kind} value: ", f" takes {wanted}, not ", 1)
         message = message.replace(": takes ", " takes ", 1)  # what types say of texts that they refuse
+        message = re.sub(r": invalid choice: ('.*?') \(choose from (.*)\)$", r" takes one of \2, not \1", message)
+        message = re.sub(r": expected (\d+) arguments?$", r" takes \1 values", message)
         self.exit(EXIT_BAD_INPUT, f"Error: {message[:1].upper()}{message[1:]}; '{self.prog} --help' lists all.\n")
 
 

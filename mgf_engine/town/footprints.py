@@ -88,7 +88,11 @@ def _read_with_gdal(path: Path, layer: str) -> tuple[list[str], list[Any], str |
     except ImportError as error:
         raise BadInput(f"Footprints need the package pyogrio, which is not installed; get it by {TOWN}.") from error
     try:
-        name = layer or _layer_of_areas(pyogrio.list_layers(path))
+        layers = pyogrio.list_layers(path)
+        names = [str(name) for name, _ in layers]
+        if layer and layer not in names:
+            raise BadInput(f"'{path}' has no layer '{layer}' (it has {', '.join(names[:5])}); give one of these.")
+        name = layer or _layer_of_areas(layers)
         meta, fids, wkb, columns = pyogrio.raw.read(path, layer=name, return_fids=True, force_2d=True)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise BadInput(
@@ -98,8 +102,8 @@ def _read_with_gdal(path: Path, layer: str) -> tuple[list[str], list[Any], str |
     shapes = list(shapely.from_wkb(wkb, on_invalid="ignore")) if wkb is not None else []
     fields = [str(field).lower() for field in meta["fields"]]
     named = next((columns[fields.index(key)] for key in _NAMES if key in fields), None)
-    names = [_name(fid if named is None else named[i]) or str(fid) for i, fid in enumerate(fids)]
-    return names, shapes, meta["crs"]
+    ids = [_name(fid if named is None else named[i]) or str(fid) for i, fid in enumerate(fids)]
+    return ids, shapes, meta["crs"]
 
 
 def _name(value: Any) -> str:
@@ -112,7 +116,7 @@ def _name(value: Any) -> str:
 
 def _layer_of_areas(layers: Any) -> str | None:
     """Return the first layer whose shapes are areas, or the first at all."""
-    names = [str(name) for name, kind in layers if kind is not None and "Polygon" in str(kind)]
+    names = [str(name) for name, kind in layers if "Polygon" in str(kind)]
     return (names or [str(name) for name, _ in layers] or [None])[0]  # type: ignore[list-item]
 
 

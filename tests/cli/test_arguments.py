@@ -74,6 +74,8 @@ def _flags_in_help(parser: Parser) -> str:
             ["evaluate", "--reach", "far"],
             "Argument --reach takes a number, not 'far'; 'mgf evaluate --help' lists all.",
         ),
+        (["drawings", "job", "--paper", "A9"], "Argument --paper takes one of 'A3', 'A1', not 'A9'; 'mgf drawings"),
+        (["suggest-clicks", "scene", "--out", "o", "--point", "1", "2"], "Argument --point takes 3 values; 'mgf sugg"),
         (["xyzzy"], "no command 'xyzzy'; 'mgf --help' lists all."),
     ],
 )

@@ -62,6 +62,11 @@ def test_maps_of_every_kind_say_the_same(kind: str, tmp_path: Path) -> None:
     assert [p.area for p in found.polygons] == pytest.approx([p.area for p in polygons], rel=1e-6)
 
 
+def test_names_that_differ_in_case_alone_get_folders_of_their_own(tmp_path: Path) -> None:
+    found = read_footprints(write(tmp_path / "map.gpkg", np.concatenate([PAIR, PAIR[:1]]), ["House", "house", "HOUSE"]))
+    assert found.ids == ("House", "house_2", "HOUSE_3")
+
+
 @pytest.mark.parametrize("column", [np.array([np.nan, 12.0]), np.array([None, "12 "], object)])
 def test_a_building_without_a_name_has_the_number_of_its_entry(column: np.ndarray, tmp_path: Path) -> None:
     pyogrio.raw.write(
@@ -109,6 +114,9 @@ def test_files_that_are_no_map_are_refused(tmp_path: Path) -> None:
         (tmp_path / name).write_text(content)
         with pytest.raises(BadInput, match=match):
             read_footprints(tmp_path / name)
+    with pytest.raises(BadInput, match=r"has no layer 'roofs' \(it has map\)"):
+        read_footprints(write(tmp_path / "map.gpkg", PAIR[:1], ["a"]), "roofs")
+    assert read_footprints(tmp_path / "map.gpkg", "map").ids == ("a",)
     with pytest.raises(BadInput, match="There are no footprints"):
         read_footprints(tmp_path / "none.gpkg")
     with pytest.raises(BadInput, match="no areas"):

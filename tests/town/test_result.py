@@ -55,6 +55,10 @@ def test_height_and_volume_are_those_over_the_ground() -> None:
     ground = roof * (1, 1, 0) + (0, 0, 100)
     mesh = Mesh(np.concatenate([ground, roof]), np.zeros((0, 3), np.int32), np.zeros((2 * x.size, 3), np.uint8))
     assert measure(mesh, {"ground": 100.0, "area": 20.0}, 1.0) == {"height": 6.0, "volume": 120.0}
+    roof[:, 2] += np.where(roof[:, 0] < 2.5, 2.0, 0.0)  # half of it is higher
+    higher = Mesh(np.concatenate([ground, roof]), mesh.faces, mesh.colors)
+    found = measure(higher, {"ground": 100.0, "area": 20.0}, 1.0)
+    assert found["height"] == 8.0 and found["volume"] == pytest.approx(20 * 7, rel=0.03)
     half = Mesh(mesh.vertices * 0.5, mesh.faces, mesh.colors)
     assert measure(half, {"ground": 50.0, "area": 20.0}, 0.5) == {"height": 6.0, "volume": 120.0}
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,6 +58,15 @@ def test_the_second_photo_shows_the_side_that_the_first_does_not() -> None:
     east = [camera((8.0, y, 2.5), (0, 0, 1)) for y in (0.0, 0.2)]
     found = choose_photos(town([*east, camera((-8.0, 0.0, 2.5), (0, 0, 1))]), 0, 2, OPTIONS)
     assert 2 in found.photos and len(found.photos) == 2
+
+
+def test_a_side_that_was_shown_counts_less_each_time() -> None:
+    """Three cameras in the east, nearer than the one in the west."""
+    east = [camera((7.0, y, 2.5), (0, 0, 1)) for y in (0.0, 0.1, 0.2)]
+    views = [*east, camera((-7.5, 0.0, 2.5), (0, 0, 1))]
+    assert 3 in choose_photos(town(views), 0, 2, OPTIONS).photos
+    every = replace(OPTIONS, decay=1.0)
+    assert 3 not in choose_photos(town(views), 0, 2, every).photos
 
 
 def test_a_near_photo_comes_before_one_from_far_away() -> None:
