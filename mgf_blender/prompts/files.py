@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -68,12 +69,13 @@ def read(path: Path) -> dict[str, list[tuple[float, float, bool, str]]]:
 
 
 def replace_clicks(scene: bpy.types.Scene, found: dict[str, list[tuple[float, float, bool, str]]]) -> list[str]:
-    """Put the clicks of a file into the scene's photos; returns names that no photo has."""
+    """Put the clicks of a file into the scene's photos; returns names that no photo has, or more than one."""
     by_name = {p.name: p for p in scene.mgf.photos}
-    by_stem = {PurePosixPath(p.name).stem.casefold(): p for p in scene.mgf.photos}
+    stems = Counter(_stem(p.name) for p in scene.mgf.photos)
+    by_stem = {_stem(p.name): p for p in scene.mgf.photos if stems[_stem(p.name)] == 1}
     unknown = []
     for name, clicks in found.items():
-        photo = by_name.get(name) or by_stem.get(PurePosixPath(name).stem.casefold())
+        photo = by_name.get(name) or by_stem.get(_stem(name))
         if photo is None:
             unknown.append(name)
             continue
@@ -81,6 +83,11 @@ def replace_clicks(scene: bpy.types.Scene, found: dict[str, list[tuple[float, fl
         for u, v, negative, part in clicks:
             add_click(photo, u, v, negative, part)
     return unknown
+
+
+def _stem(name: str) -> str:
+    """Return a photo's name without folders and extension, in comparable form."""
+    return PurePosixPath(name).stem.casefold()
 
 
 def add_click(

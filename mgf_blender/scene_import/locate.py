@@ -14,7 +14,7 @@ from .colmap import count_photos
 #: Where models are looked for: COLMAP's own places, those of other tools, any folder. The engine looks in the same
 #: (``mgf_engine/scene/colmap.py``), for the mesh must be made with the cameras that are imported here.
 _PLACES = (("", "sparse", "sparse/*"), ("*/sparse", "*/sparse/*", "*/*/sparse", "*/*/sparse/*"), ("*",))
-_PHOTO_KINDS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp")
+_PHOTO_KINDS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".bmp", ".ppm", ".pgm")
 #: Not read by the engine, which says so.
 _UNREAD_KINDS = (".heic", ".heif", ".avif", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 _PHOTO_FOLDERS = ("images", "photos", "input", "rgb", "undistorted/images", "dense/images", ".")

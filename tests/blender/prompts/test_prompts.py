@@ -94,6 +94,16 @@ def test_bad_files_change_nothing(state, tmp_path, text):
     assert len(state.photos[0].clicks) == 1
 
 
+def test_a_name_that_two_photos_have_is_none_of_them(state, tmp_path):
+    for folder, photo in zip("ab", state.photos[:2], strict=True):
+        photo.name = f"{folder}/IMG_1.png"
+    path = tmp_path / "p.json"
+    clicks = {"positive": [[1, 2]]}
+    path.write_text(json.dumps({"IMG_1.png": clicks, "b/IMG_1.png": clicks, state.photos[2].name.upper(): clicks}))
+    bpy.ops.mgf.import_prompts(filepath=str(path))
+    assert [len(photo.clicks) for photo in state.photos] == [0, 1, 1]
+
+
 def test_foreign_prompts_are_refused(state, tmp_path):
     path = tmp_path / "p.json"
     path.write_text('{"foreign.jpg": {"positive": [[1, 2]]}}')
