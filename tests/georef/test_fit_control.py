@@ -73,6 +73,16 @@ def test_swapped_columns_wrong_heights_and_wrong_marks_are_told_apart() -> None:
         fit(points(A=(3, 0, 0), B=(0, -4, 0), C=(9, 9, 9), D=(0, 0, 5)))
 
 
+def test_half_of_the_points_are_no_majority() -> None:
+    """Three of six fit, and three of five do."""
+    marked = {**MARKED, "F": placed("F", np.array([1.5, 0.5, 0.8]))}
+    wrong = {"D": (4.0, 0.0, 1.0), "E": (0.0, -5.0, 2.0)}
+    assert [row.used for row in fit(points(**wrong)).rows] == [True, True, True, False, False]
+    last = transform_points(TRUE, marked["F"].position) + OFFSET + (3.0, 6.0, 0.0)
+    with pytest.raises(BadInput, match="do not fit their marks"):
+        fit_control(scene(), [*points(**wrong), ControlPoint("F", tuple(last.tolist()))], marked, {}, UP)
+
+
 def test_exact_points_give_the_similarity() -> None:
     found = fit(points())
     world = transform_points(found.matrix, PLACES) + found.offset

@@ -32,6 +32,16 @@ def test_a_plain_house_is_outlined_whole(seed: int, metre: float) -> None:
     assert outline.is_valid and not outline.interiors
 
 
+@pytest.mark.parametrize("across", [False, True])
+def test_what_lies_between_two_walls_belongs_to_the_building(across: bool) -> None:
+    """Two walls of 20 m, 4 m from each other, along x or along y; nothing shows the other two, nor the roof."""
+    x = np.arange(0, 20.01, 0.4)
+    walls = np.concatenate([np.column_stack([x, np.full(len(x), y)]) for y in (0.0, 4.0)])
+    walls = walls[:, ::-1] if across else walls
+    house = shapely.box(0, 0, *((4, 20) if across else (20, 4)))
+    assert iou(outline_of(walls, 1.0), house) > 0.8
+
+
 def test_a_court_wider_than_a_gap_stays_open() -> None:
     rng = np.random.default_rng(0)
     court = shapely.box(8, 0, 18, 14)

@@ -81,8 +81,8 @@ def test_geojson_that_names_no_system_has_none(tmp_path: Path) -> None:
 
 
 def test_cityjson_gives_the_ground_of_buildings(tmp_path: Path) -> None:
-    roof = [[0, 0, 30], [100, 0, 30], [100, 80, 30], [0, 80, 30]]
-    ground = [[x, y, 0] for x, y, _ in roof]
+    ground = [[0, 0, 0], [100, 0, 0], [100, 80, 0], [0, 80, 0]]
+    roof = [[-5, -5, 30], [105, -5, 30], [105, 85, 30], [-5, 85, 30]]  # with eaves
     wall = [[0, 0, 0], [100, 0, 0], [100, 0, 30], [0, 0, 30]]
     surfaces = {"surfaces": [{"type": "GroundSurface"}, {"type": "RoofSurface"}, {"type": "WallSurface"}]}
     solid = {"type": "Solid", "lod": "2", "boundaries": [[[[3, 2, 1, 0]], [[4, 5, 6, 7]], [[8, 9, 10, 11]]]],
@@ -102,6 +102,14 @@ def test_cityjson_gives_the_ground_of_buildings(tmp_path: Path) -> None:
     found = read_footprints(path)
     assert (found.ids, found.crs) == (("house",), CRS)
     assert found.polygons[0].equals(shapely.box(*ORIGIN[:2], *(ORIGIN[:2] + np.array([10, 8]))))
+    solid["semantics"] = None  # nothing tells which is the ground
+    path.write_text(json.dumps(data))
+    eaves = 0.5
+    assert (
+        read_footprints(path)
+        .polygons[0]
+        .equals(shapely.box(*(ORIGIN[:2] - eaves), *(ORIGIN[:2] + np.array([10, 8]) + eaves)))
+    )
     data["CityObjects"]["part"]["geometry"][0]["boundaries"][0][0] = [[99, 1, 2]]
     path.write_text(json.dumps(data))
     with pytest.raises(BadInput, match="damaged CityJSON"):
