@@ -210,17 +210,19 @@ class MaskCorrection:
         return found
 
     def _cut_ground(self, ground: GroundFinder, voters: Sequence[int]) -> bool:
-        """Remove the ground visible through an open building; pixels that may be ground become ignored.
+        """Remove the ground visible through an open building, and below what hangs over in a closed one.
+
+        Pixels that may be ground become ignored.
 
         Returns:
             whether the building is an open one.
         """
-        if not ground.is_open_structure(voters, lambda i: building(self.labels[i]), self.graph.threads):
-            return False
-        for index, found in self._map(lambda i: ground.find_ground_pixels(i, self.labels[i] != BACKGROUND)):
+        opened = ground.is_open_structure(voters, lambda i: building(self.labels[i]), self.graph.threads)
+        find = ground.find_ground_pixels if opened else ground.find_wide_pieces
+        for index, found in self._map(lambda i: find(i, self.labels[i] != BACKGROUND)):
             self.labels[index][found.certain] = BACKGROUND
             self.labels[index][found.possible] = IGNORE
-        return True
+        return opened
 
     def _sky(self, index: int) -> NDArray[np.bool_]:
         """Return the sky of a photo, bool [H, W]."""

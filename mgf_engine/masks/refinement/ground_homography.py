@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.masks.geometry.ground_plane import GroundPlane
 from mgf_engine.masks.geometry.plane_homography import homography, spans_inside
-from mgf_engine.masks.image_ops import color_distance, dilate_square, enlarge, erode_square, masked_mean
+from mgf_engine.masks.image_ops import color_distance, dilate_square, disc, enlarge, erode_square, masked_mean
 from mgf_engine.masks.refinement.lab_photos import LabPhotos
 from mgf_engine.masks.refinement.patch_ncc import Patches
 from mgf_engine.model.scene import Scene
@@ -63,6 +63,10 @@ class GroundHomographyOptions:
     tried: int = parameter(12, "Number of photos that decide whether the building is open", low=1)
     open_share: float = parameter(0.03, "Share of the masks' inside that must be ground for an open building", high=1)
     rim: int = parameter(4, "Distance from the edge from which a pixel counts as inside", "px")
+    width: int = parameter(
+        9, "Minimum width of a piece of ground in the mask of a closed building; strips are feet of walls", "px", low=1
+    )
+    share: float = parameter(0.01, "Minimum area of such a piece, as a share of the mask", high=1)
 
 
 @dataclass(frozen=True)
@@ -131,7 +135,19 @@ class GroundFinder:
 
     def find_ground_pixels(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
         """Return the ground in a mask [H, W], and what is near to it and has its colour."""
-        certain = self.confirmed_ground(index, mask)
+        return self._with_possible(index, mask, self.confirmed_ground(index, mask))
+
+    def find_wide_pieces(self, index: int, mask: NDArray[np.bool_]) -> GroundPixels:
+        """Return the ground below parts that hang over, in the mask [H, W] of a building that is closed.
+
+        Feet of walls are too near to the ground to be told from it, so that only wide and large pieces count.
+        """
+        found = self.confirmed_ground(index, mask).astype(np.uint8)
+        wide = cv2.morphologyEx(found, cv2.MORPH_OPEN, disc(self.options.width // 2))
+        return self._with_possible(index, mask, _without_specks(wide > 0, self.options.share * float(mask.sum())))
+
+    def _with_possible(self, index: int, mask: NDArray[np.bool_], certain: NDArray[np.bool_]) -> GroundPixels:
+        """Add to the certain ground [H, W] what is near to it in the mask and has its colour."""
         near = mask & ~certain & _alike_around(self.photos.lab(index), certain, self.options)
         return GroundPixels(certain, near, self.options.reach)
 
@@ -163,7 +179,7 @@ class GroundFinder:
         sure &= raised[-1] <= level - self.options.distinct
         dense = cv2.GaussianBlur(sure.astype(np.float32), (0, 0), self.options.spread) > self.options.dense
         result[box.part] = mask[box.part] & dense & (colors > -self.options.color)
-        return self._confirmed(index, _without_specks(result, self.options))
+        return self._confirmed(index, _without_specks(result, self.options.smallest))
 
     def _others(self, index: int, mask: NDArray[np.bool_], depth: NDArray[np.float64]) -> list[int]:
         """Return photos that see the ground behind the mask from beside, the nearest first."""
@@ -256,8 +272,9 @@ def _smooth(lab: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(cv2.transform(cv2.blur(lab, (3, 3)).astype(np.float32), np.diag([100 / 255, 1, 1])), np.float32)
 
 
-def _without_specks(mask: NDArray[np.bool_], options: GroundHomographyOptions) -> NDArray[np.bool_]:
+def _without_specks(mask: NDArray[np.bool_], smallest: float) -> NDArray[np.bool_]:
+    """Return the pieces of a mask [H, W] that are no smaller, in px²."""
     _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-    large = stats[:, cv2.CC_STAT_AREA] >= options.smallest
+    large = stats[:, cv2.CC_STAT_AREA] >= smallest
     large[0] = False
     return np.asarray(large[pieces], bool)
