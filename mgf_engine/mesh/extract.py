@@ -32,7 +32,7 @@ from mgf_engine.mesh.options import ExtractionOptions
 from mgf_engine.mesh.photo_consistency import see_vertices
 from mgf_engine.mesh.planar import flatten_planes
 from mgf_engine.mesh.plane_borders import fade_moves
-from mgf_engine.mesh.plane_detection import Planes
+from mgf_engine.mesh.plane_detection import Plane, Planes
 from mgf_engine.mesh.raw_surface import RAW_SURFACE_DONE, SurfaceInputs, raw_surface, timed_part
 from mgf_engine.mesh.refine import RefinementOptions, project_onto_surface, refine
 from mgf_engine.mesh.relief import Relief
@@ -105,7 +105,7 @@ def extract_mesh(
         mesh = refine_mesh(move_onto_depth_maps(mesh, field, trusted, options), trusted, options, reporter)
     if options.flatten:
         with part("planes"):
-            flat = flatten_mesh(mesh, trusted, options, reporter.check)
+            flat = flatten_mesh(mesh, trusted, options, reporter.check, known_planes(start))
             mesh = flat.mesh
         if options.openings:
             with part("openings"):
@@ -220,8 +220,17 @@ class FlatMesh(NamedTuple):
     planes: Planes | None
 
 
+def known_planes(start: StartSurface | None) -> list[Plane]:
+    """Return the planes of the starting surface, strongest first; none without one."""
+    return [] if start is None else [Plane(plane[:3], -float(plane[3])) for plane in start.planes]
+
+
 def flatten_mesh(
-    mesh: Mesh, trusted: TrustedViews, options: ExtractionOptions, check: Callable[[], None] = lambda: None
+    mesh: Mesh,
+    trusted: TrustedViews,
+    options: ExtractionOptions,
+    check: Callable[[], None] = lambda: None,
+    known: Sequence[Plane] = (),
 ) -> FlatMesh:
     """Project the planar regions of a mesh onto their planes, and extend the planes unless the photos contradict.
 
@@ -230,17 +239,18 @@ def flatten_mesh(
         trusted: photos and masks; without photos to match, planes are not extended.
         options: of the planes, the patches and the labels.
         check: called between the steps; raises to stop.
+        known: planes that edges in the photos lie on, strongest first.
     """
     pixel = ground_pixels(mesh, trusted.views).astype(np.float64)
     if trusted.photos is None:
-        flat = flatten_planes(mesh, pixel, options.planes)
+        flat = flatten_planes(mesh, pixel, options.planes, known=known)
         return FlatMesh(flat.mesh, pixel, flat.planes)
     # Relief is measured twice: within the planes that region growing finds, and then within those that the vertices are
     # labelled with, which reach farther.
     photos = see_vertices(mesh, pixel, trusted.views, trusted.photos.grey, options.patches)
     relief = Relief(photos, options.relief)
     check()
-    flat = flatten_planes(mesh, pixel, options.planes, relief)
+    flat = flatten_planes(mesh, pixel, options.planes, relief, known)
     check()
     result = extend_planes(mesh, flat, pixel, photos, options.extension, relief)
     check()

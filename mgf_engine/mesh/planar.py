@@ -8,6 +8,7 @@ Vertices farther away do not move.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from mgf_engine.mesh.near_planes import join_ranges, near_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
 from mgf_engine.mesh.plane_borders import undo_folds
-from mgf_engine.mesh.plane_detection import PARALLEL, MeshFaces, Planes, find_planes, measure_faces
+from mgf_engine.mesh.plane_detection import PARALLEL, MeshFaces, Plane, Planes, find_planes, measure_faces
 from mgf_engine.mesh.relief import Relief
 from mgf_engine.model.mesh import Mesh
 
@@ -48,7 +49,11 @@ def flatten(mesh: Mesh, pixel: NDArray[np.floating], options: PlanarOptions = Pl
 
 
 def flatten_planes(
-    mesh: Mesh, pixel: NDArray[np.floating], options: PlanarOptions = PlanarOptions(), relief: Relief | None = None
+    mesh: Mesh,
+    pixel: NDArray[np.floating],
+    options: PlanarOptions = PlanarOptions(),
+    relief: Relief | None = None,
+    known: Sequence[Plane] = (),
 ) -> Flattened:
     """Flatten as :func:`flatten` does; return also the planes.
 
@@ -57,6 +62,7 @@ def flatten_planes(
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
         options: of the planes.
         relief: keeps what stands out of a plane together; None keeps nothing within noise.
+        known: planes that are tried first.
     """
     count = len(mesh.vertices)
     nothing = Flattened(mesh, None, np.zeros(count, bool), np.full(count, -1, np.int32))
@@ -64,7 +70,7 @@ def flatten_planes(
         return nothing
     size: NDArray[np.float64] = np.asarray(pixel, np.float64)
     faces = measure_faces(mesh, size, options)
-    planes = find_planes(faces, options)
+    planes = find_planes(faces, options, known)
     if len(planes.normals) == 0:
         return nothing
     near = near_planes(mesh, size, planes, options.band, options.rings)

@@ -43,6 +43,10 @@ class PlanarOptions:
     bows: tuple[float, float] = parameter(
         (0.06, 0.3), "Bounds of the noise that a paraboloid through the faces must not exceed", "ground px"
     )
+    known_bow: float = parameter(
+        0.15, "Root mean square of that paraboloid up to which a plane through edges in the photos is none the less"
+        " flat", "ground px",
+    )  # fmt: skip
     bow_share: float = parameter(
         0.0008, "Root mean square of that paraboloid, as a share of the plane's width, up to which it is an error of"
         " stereo",

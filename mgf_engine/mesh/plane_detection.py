@@ -8,6 +8,7 @@ over larger cells, deviate from the plane by more than the low-frequency error o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -119,10 +120,17 @@ def planes_of(mesh: Mesh, pixel: float, options: PlanarOptions = PlanarOptions()
     return replace(planes, label=label)
 
 
-def find_planes(faces: MeshFaces, options: PlanarOptions) -> Planes:
-    """Find planes of at least ``least_area``, starting at the flattest faces."""
+def find_planes(faces: MeshFaces, options: PlanarOptions, known: Sequence[Plane] = ()) -> Planes:
+    """Find planes of at least ``least_area``, starting at known planes, and then at the flattest faces.
+
+    Args:
+        faces: of the mesh.
+        options: of the planes.
+        known: planes that edges in the photos lie on, of either side, in the mesh's units. A plain wall that sinks
+            towards its windows is flat beside them, too: then a plane that begins there takes its faces.
+    """
     label = np.full(len(faces.area), -1, np.int32)
-    found: list[tuple[Plane, float]] = []
+    found = _grow_known(faces, known, label, options)
     refused: list[Plane] = []
     tree = cKDTree(faces.centre)
     for seed in _seeds(faces, options):
@@ -150,6 +158,30 @@ def find_planes(faces: MeshFaces, options: PlanarOptions) -> Planes:
     inside = label >= 0
     area = np.asarray(np.bincount(label[inside], faces.area[inside], len(found)), np.float64)
     return Planes(normals, offsets, np.array([noise for _, noise in found]), area, label)
+
+
+def _grow_known(
+    faces: MeshFaces, known: Sequence[Plane], label: NDArray[np.int32], options: PlanarOptions
+) -> list[tuple[Plane, float]]:
+    """Grow known planes, each to all of its regions, the largest first; their faces are labelled in place.
+
+    Edges say that they are planes, so that they may bow by more than their noise: plain walls sink towards windows.
+    A region whose own plane is another one is none of theirs.
+    """
+    found: list[tuple[Plane, float]] = []
+    cosine, known_cosine = np.cos(np.radians((options.turn, options.merged_angle)))
+    lenient = replace(options, bows=(options.known_bow, max(options.known_bow, options.bows[1])))
+    for plane in (side for one in known for side in (one, Plane(-one.normal, -one.offset))):
+        free = np.flatnonzero(label < 0)
+        free = free[faces.normal[free] @ plane.normal > cosine]
+        free = free[np.abs(faces.distances(plane, free)) < options.band]
+        while (grown := _grow(faces, plane, free, lenient)) is not None:
+            (fitted, noise), inside = grown
+            if fitted.normal @ plane.normal > known_cosine:
+                label[inside] = len(found)
+                found.append((fitted, noise))
+            free = np.setdiff1d(free, inside)
+    return found
 
 
 def _seeds(faces: MeshFaces, options: PlanarOptions) -> list[NDArray[np.int64]]:

@@ -17,7 +17,7 @@ from mgf_engine.start.dense import DensePoints
 from mgf_engine.start.lines import Line3D, line_points
 from mgf_engine.start.options import StartOptions
 from mgf_engine.start.plane_points import crease_points, plane_points
-from mgf_engine.start.planes import LinePlanes, fit_planes_to_lines
+from mgf_engine.start.planes import LinePlanes
 from mgf_engine.start.snapping import snap_to_planes
 from mgf_engine.start.views import StartViews
 
@@ -67,12 +67,15 @@ class _Group(NamedTuple):
     near: float
 
 
-def gather_evidence(views: StartViews, lines: Sequence[Line3D], dense: DensePoints, options: StartOptions) -> Evidence:
+def gather_evidence(
+    views: StartViews, lines: Sequence[Line3D], planes: LinePlanes, dense: DensePoints, options: StartOptions
+) -> Evidence:
     """Gather points on lines, sparse and stereo points, and Steiner points, all moved onto the planes near by.
 
     Args:
         views: cameras, masks and sparse points.
         lines: in the normalised frame.
+        planes: through the lines.
         dense: points by stereo.
         options: of the lines, the planes and the cut.
 
@@ -80,7 +83,6 @@ def gather_evidence(views: StartViews, lines: Sequence[Line3D], dense: DensePoin
         BadInput: hardly any points.
     """
     plane_options, pixel = options.planes, views.pixel
-    planes = fit_planes_to_lines(lines, pixel, plane_options)
     on_lines, lines_seen = line_points(lines, pixel, options.segments)
     groups = [
         _Group(on_lines, lines_seen, np.ones(len(on_lines)), plane_options.near),

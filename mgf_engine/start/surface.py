@@ -19,6 +19,7 @@ from mgf_engine.start.dense import find_stereo_points
 from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.lines import find_lines
 from mgf_engine.start.options import StartOptions
+from mgf_engine.start.planes import fit_planes_to_lines
 from mgf_engine.start.segments import find_segments
 from mgf_engine.start.views import start_views
 from mgf_engine.system.machine import cores, release_memory
@@ -38,6 +39,8 @@ class StartSurface:
         dense: points by stereo, some beside the surface, [N, 3].
         seen: a view (of the scene) that saw each of these points, [N].
         pixel: size of a pixel at the building.
+        planes: through edges in the photos, strongest first: unit normals, either side, and offsets with ``normal @ x +
+            offset = 0``, [K, 4].
     """
 
     mesh: Mesh
@@ -45,6 +48,7 @@ class StartSurface:
     dense: NDArray[np.float64]
     seen: NDArray[np.int64]
     pixel: float
+    planes: NDArray[np.float64]
 
 
 def start_surface(
@@ -93,7 +97,8 @@ def start_surface(
         lines = find_lines(segments)
     begin("planes")
     with times.part("planes"):
-        evidence = gather_evidence(views, lines, dense, options)
+        planes = fit_planes_to_lines(lines, views.pixel, options.planes)
+        evidence = gather_evidence(views, lines, planes, dense, options)
     begin("cut")
     at = share * PARTS.index("cut") / len(PARTS)
     with times.part("cut"):
@@ -103,4 +108,5 @@ def start_surface(
     if not len(mesh.faces):
         raise BadInput("Masks and photos give no starting surface; check the masks and the cameras.")
     first = np.array([views.indices[s[0]] for s in dense.seen], np.int64)
-    return StartSurface(mesh, strength, dense.points, first, views.pixel)
+    strongest = planes.planes[np.argsort(-planes.strength, kind="stable")]
+    return StartSurface(mesh, strength, dense.points, first, views.pixel, strongest)

@@ -8,6 +8,7 @@ import pytest
 
 from mgf_engine.mesh.planar import flatten, flatten_planes
 from mgf_engine.mesh.planar_options import PlanarOptions
+from mgf_engine.mesh.plane_detection import Plane
 from mgf_engine.model.mesh import Mesh
 from tests.support.sheets import NOISE, box, joined, noisy, sheet
 
@@ -112,6 +113,31 @@ def test_a_long_wall_that_bows_by_half_a_pixel_becomes_flat():
     wall = noisy(joined(sheet(line, line[:100], lambda u, v: (u, v, bow(u)))), 0.05)
     assert flatten_planes(wall, np.ones(len(wall.vertices)), PlanarOptions(bow_share=0.0)).planes is None
     assert rms(flat(wall).vertices[:, 2] - bow(line).mean()) < 0.05
+
+
+def sinking_wall():
+    """A plain wall that sinks towards its windows, farther than its flat parts are wide."""
+    line = np.arange(0, 161.0, 1.5)
+    sink = lambda u, v: 4.0 * np.clip(1 - ((u % 54 - 27) / 22) ** 2 - ((v - 40) / 28) ** 2, 0, 1)  # noqa: E731
+    return noisy(joined(sheet(line, line[:54], lambda u, v: (u, v, -sink(u, v)))), 0.05)
+
+
+def test_planes_through_edges_are_tried_before_those_that_begin_on_the_surface():
+    wall = sinking_wall()
+    ones, known = np.ones(len(wall.vertices)), Plane(np.array([0, 0, -1.0]), 0.0)  # edges do not tell its side
+    found = flatten_planes(wall, ones, known=[known]).planes
+    assert found is not None
+    largest = found.area.argmax()
+    assert found.normals[largest, 2] > np.cos(np.radians(0.3)) and abs(found.offsets[largest]) < 0.15
+    alone = flatten_planes(wall, ones).planes
+    assert alone is None or alone.area.max() < found.area[largest]
+
+
+def test_a_known_plane_does_not_flatten_a_vault():
+    angle, along = np.arange(0.4, 2.75, 0.02), np.arange(0, 90, 2.0)
+    vault = noisy(joined(sheet(along, angle, lambda u, v: (u, -60 * np.cos(v), 60 * np.sin(v)))), 0.05)
+    tangent = [Plane(np.array([0, -np.cos(a), np.sin(a)]), 60.0 - off) for a in (0.9, 1.57) for off in (0.0, 0.5)]
+    assert flatten_planes(vault, np.ones(len(vault.vertices)), known=tangent).planes is None
 
 
 def test_a_wall_on_both_sides_of_a_pipe_is_one_plane():

@@ -13,6 +13,7 @@ from mgf_engine.start.cut import cut_surface
 from mgf_engine.start.dense import DensePoints
 from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.options import MinimumCutOptions, StartOptions
+from mgf_engine.start.planes import fit_planes_to_lines
 from mgf_engine.start.views import Silhouettes, StartViews
 
 PIXEL = 0.01
@@ -45,7 +46,8 @@ def court() -> tuple[StartViews, DensePoints]:
 def shown_share(options: MinimumCutOptions) -> float:
     """Share of the middle of two photos, one of each wall, that shows the wall within 5 px of its depth."""
     (views, dense), o = court(), replace(StartOptions(), cut=options)
-    mesh, _ = cut_surface(views, gather_evidence(views, [], dense, o), o.cut, lambda: None)
+    planes = fit_planes_to_lines([], PIXEL, o.planes)
+    mesh, _ = cut_surface(views, gather_evidence(views, [], planes, dense, o), o.cut, lambda: None)
     depths = [render_mesh(mesh, views.views[k]).depth[30:-30, 40:-40] for k in (2, 7)]
     return float((np.abs(np.stack(depths) - DEPTH) < 5 * PIXEL).mean())
 

@@ -14,6 +14,7 @@ from mgf_engine.start.cut import cut_surface
 from mgf_engine.start.dense import DensePoints
 from mgf_engine.start.evidence import gather_evidence
 from mgf_engine.start.options import StartOptions
+from mgf_engine.start.planes import fit_planes_to_lines
 from mgf_engine.start.views import Silhouettes, StartViews
 
 PIXEL = 0.01
@@ -65,7 +66,8 @@ def views() -> StartViews:
 def column_share(views: StartViews, options: StartOptions) -> float:
     """Share of the column's middle that the middle camera sees within 5 px of its depth."""
     dense = column_and_wall(views.views)
-    mesh, _ = cut_surface(views, gather_evidence(views, [], dense, options), options.cut, lambda: None)
+    planes = fit_planes_to_lines([], PIXEL, options.planes)
+    mesh, _ = cut_surface(views, gather_evidence(views, [], planes, dense, options), options.cut, lambda: None)
     view = views.views[4]
     depth = render_mesh(mesh, view).depth[25:-25, WIDTH // 2 - 3 : WIDTH // 2 + 3]
     return float((np.abs(depth - (4 - BEFORE - RADIUS)) < 5 * PIXEL).mean())

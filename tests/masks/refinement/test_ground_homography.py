@@ -121,6 +121,22 @@ def test_only_what_is_open_is_cut(frame: GroundFinder, wall: GroundFinder) -> No
     assert not frame.is_open_structure([], mask_of)
 
 
+def test_ground_below_a_canopy_is_cut_from_a_closed_building_and_feet_of_walls_are_not(wall: GroundFinder) -> None:
+    """The mask takes in a wide piece of paving beside the wall, and a strip along its foot."""
+    _, solid = photograph(VIEWS[MIDDLE], False)
+    rows, columns = np.nonzero(solid)
+    foot, left = rows.max(), columns.min()
+    paving = np.zeros_like(solid)
+    paving[foot - 30 : foot + 10, left - 45 : left] = True
+    paving &= ~solid
+    strip = grown(solid, 4) & ~solid & ~grown(paving, 12)
+    found = wall.find_wide_pieces(MIDDLE, solid | paving | strip)
+    assert (found.certain & paving).sum() > 0.6 * paving.sum()
+    assert (found.certain & solid).sum() < 0.003 * solid.sum()
+    assert not (found.certain & strip).any()
+    assert not wall.find_wide_pieces(MIDDLE, solid | strip).certain.any()
+
+
 def test_boards_along_the_ground_are_none(tmp_path: Path) -> None:
     """From the street, the ground and planes over it fit the foot of a wall of boards alike."""
     street = [look_down(angle, 0.9) for angle in np.linspace(-0.7, 0.7, 13)]
