@@ -174,13 +174,16 @@ def _grow_known(
     for plane in (side for one in known for side in (one, Plane(-one.normal, -one.offset))):
         free = np.flatnonzero(label < 0)
         free = free[faces.normal[free] @ plane.normal > cosine]
-        free = free[np.abs(faces.distances(plane, free)) < options.band]
-        while (grown := _grow(faces, plane, free, lenient)) is not None:
-            (fitted, noise), inside = grown
-            if fitted.normal @ plane.normal > known_cosine:
-                label[inside] = len(found)
-                found.append((fitted, noise))
-            free = np.setdiff1d(free, inside)
+        near = free[np.abs(faces.distances(plane, free)) < options.band]
+        while (grown := _grow(faces, plane, near, lenient)) is not None:
+            near = np.setdiff1d(near, grown[1])
+            # Edges leave a plane uncertain by a pixel: the band lies around what was fitted to the region.
+            grown = _grow(faces, grown[0][0], free, lenient)
+            if grown is None or grown[0][0].normal @ plane.normal < known_cosine:
+                continue
+            label[grown[1]] = len(found)
+            found.append(grown[0])
+            near, free = np.setdiff1d(near, grown[1]), np.setdiff1d(free, grown[1])
     return found
 
 
