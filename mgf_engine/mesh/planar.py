@@ -62,7 +62,7 @@ def flatten_planes(
         pixel: size of a ground pixel at each vertex, in the mesh's units, [N].
         options: of the planes.
         relief: keeps what stands out of a plane together; None keeps nothing within noise.
-        known: planes that are tried first.
+        known: planes of either side that replace those found on the mesh where they hold more of it.
     """
     count = len(mesh.vertices)
     nothing = Flattened(mesh, None, np.zeros(count, bool), np.full(count, -1, np.int32))

@@ -47,6 +47,12 @@ class PlanarOptions:
         0.15, "Root mean square of that paraboloid up to which a plane through edges in the photos is none the less"
         " flat", "ground px",
     )  # fmt: skip
+    known_noise: float = parameter(
+        0.4, "Maximum noise of such a plane: two planes of one wall make a noisy third", "ground px"
+    )
+    known_gain: float = parameter(
+        1.25, "Minimum area of such a plane, as a factor of its area on any one plane that begins on the surface"
+    )
     bow_share: float = parameter(
         0.0008, "Root mean square of that paraboloid, as a share of the plane's width, up to which it is an error of"
         " stereo",

@@ -8,7 +8,7 @@ over larger cells, deviate from the plane by more than the low-frequency error o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -121,16 +121,17 @@ def planes_of(mesh: Mesh, pixel: float, options: PlanarOptions = PlanarOptions()
 
 
 def find_planes(faces: MeshFaces, options: PlanarOptions, known: Sequence[Plane] = ()) -> Planes:
-    """Find planes of at least ``least_area``, starting at known planes, and then at the flattest faces.
+    """Find planes of at least ``least_area``, starting at the flattest faces.
 
     Args:
         faces: of the mesh.
         options: of the planes.
-        known: planes that edges in the photos lie on, of either side, in the mesh's units. A plain wall that sinks
-            towards its windows is flat beside them, too: then a plane that begins there takes its faces.
+        known: planes that edges in the photos lie on, of either side, in the mesh's units. They replace those that
+            begin on the surface where they hold more of it: a plain wall that sinks towards its windows comes out as
+            several planes that lean.
     """
     label = np.full(len(faces.area), -1, np.int32)
-    found = _grow_known(faces, known, label, options)
+    found: list[tuple[Plane, float]] = []
     refused: list[Plane] = []
     tree = cKDTree(faces.centre)
     for seed in _seeds(faces, options):
@@ -152,7 +153,7 @@ def find_planes(faces: MeshFaces, options: PlanarOptions, known: Sequence[Plane]
             continue
         label[grown[1]] = len(found)
         found.append(grown[0])
-    found, label = _merge(faces, found, label, options)
+    found, label = _take_known(faces, known, *_merge(faces, found, label, options), options)
     normals = np.array([plane.normal for plane, _ in found]).reshape(-1, 3)
     offsets = np.array([plane.offset for plane, _ in found])
     inside = label >= 0
@@ -160,31 +161,55 @@ def find_planes(faces: MeshFaces, options: PlanarOptions, known: Sequence[Plane]
     return Planes(normals, offsets, np.array([noise for _, noise in found]), area, label)
 
 
-def _grow_known(
-    faces: MeshFaces, known: Sequence[Plane], label: NDArray[np.int32], options: PlanarOptions
-) -> list[tuple[Plane, float]]:
-    """Grow known planes, each to all of its regions, the largest first; their faces are labelled in place.
+def _take_known(
+    faces: MeshFaces,
+    known: Sequence[Plane],
+    found: list[tuple[Plane, float]],
+    label: NDArray[np.int32],
+    options: PlanarOptions,
+) -> tuple[list[tuple[Plane, float]], NDArray[np.int32]]:
+    """Let known planes take the faces that are split among several planes found on the surface, or lie on none.
+
+    Returns:
+        planes with their noise, and labels [F].
+    """
+    found, label = list(found), label.copy()
+    if not known:
+        return found, label
+    regions = sorted(_known_regions(faces, known, options), key=lambda region: -faces.area[region[1]].sum())
+    for grown, inside in regions:
+        held = label[inside]
+        most = np.bincount(held[held >= 0], faces.area[inside[held >= 0]], 1).max()
+        if grown[1] > options.known_noise or faces.area[inside].sum() < options.known_gain * most:
+            continue
+        label[inside] = len(found)
+        found.append(grown)
+    area = np.bincount(label[label >= 0], faces.area[label >= 0], len(found))
+    kept = np.flatnonzero(area >= options.least_area)
+    place = np.full(len(found) + 1, -1, np.int32)  # the last for faces without plane
+    place[kept] = np.arange(len(kept))
+    return [found[number] for number in kept], place[label]
+
+
+def _known_regions(
+    faces: MeshFaces, known: Sequence[Plane], options: PlanarOptions
+) -> Iterator[tuple[tuple[Plane, float], NDArray[np.int64]]]:
+    """Grow known planes of either side, each to all of its regions: the fitted plane, its noise, and the faces.
 
     Edges say that they are planes, so that they may bow by more than their noise: plain walls sink towards windows.
-    A region whose own plane is another one is none of theirs.
     """
-    found: list[tuple[Plane, float]] = []
     cosine, known_cosine = np.cos(np.radians((options.turn, options.merged_angle)))
     lenient = replace(options, bows=(options.known_bow, max(options.known_bow, options.bows[1])))
     for plane in (side for one in known for side in (one, Plane(-one.normal, -one.offset))):
-        free = np.flatnonzero(label < 0)
-        free = free[faces.normal[free] @ plane.normal > cosine]
+        free = np.flatnonzero(faces.normal @ plane.normal > cosine)
         near = free[np.abs(faces.distances(plane, free)) < options.band]
         while (grown := _grow(faces, plane, near, lenient)) is not None:
             near = np.setdiff1d(near, grown[1])
             # Edges leave a plane uncertain by a pixel: the band lies around what was fitted to the region.
             grown = _grow(faces, grown[0][0], free, lenient)
-            if grown is None or grown[0][0].normal @ plane.normal < known_cosine:
-                continue
-            label[grown[1]] = len(found)
-            found.append(grown[0])
-            near, free = np.setdiff1d(near, grown[1]), np.setdiff1d(free, grown[1])
-    return found
+            if grown is not None and grown[0][0].normal @ plane.normal > known_cosine:
+                near, free = np.setdiff1d(near, grown[1]), np.setdiff1d(free, grown[1])
+                yield grown
 
 
 def _seeds(faces: MeshFaces, options: PlanarOptions) -> list[NDArray[np.int64]]:

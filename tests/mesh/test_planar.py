@@ -116,21 +116,31 @@ def test_a_long_wall_that_bows_by_half_a_pixel_becomes_flat():
 
 
 def sinking_wall():
-    """A plain wall that sinks towards its windows, farther than its flat parts are wide."""
+    """A plain wall that sinks towards its windows: most of it leans."""
     line = np.arange(0, 161.0, 1.5)
-    sink = lambda u, v: 4.0 * np.clip(1 - ((u % 54 - 27) / 22) ** 2 - ((v - 40) / 28) ** 2, 0, 1)  # noqa: E731
+    sink = lambda u, v: 4.0 * np.exp(-(((u % 54 - 27) / 13) ** 2) - ((v - 40) / 18) ** 2)  # noqa: E731
     return noisy(joined(sheet(line, line[:54], lambda u, v: (u, v, -sink(u, v)))), 0.05)
 
 
-def test_planes_through_edges_are_tried_before_those_that_begin_on_the_surface():
+def test_a_plane_through_edges_replaces_those_that_lean():
     wall = sinking_wall()
     ones, known = np.ones(len(wall.vertices)), Plane(np.array([0, 0, -1.0]), 0.0)  # edges do not tell its side
-    found = flatten_planes(wall, ones, known=[known]).planes
-    assert found is not None
+    alone, found = flatten_planes(wall, ones).planes, flatten_planes(wall, ones, known=[known]).planes
+    assert alone is not None and found is not None
+    assert alone.offsets[alone.area.argmax()] < -1
     largest = found.area.argmax()
     assert found.normals[largest, 2] > np.cos(np.radians(0.3)) and abs(found.offsets[largest]) < 0.15
-    alone = flatten_planes(wall, ones).planes
-    assert alone is None or alone.area.max() < found.area[largest]
+    assert found.area[largest] > alone.area.max() and found.area.min() >= PlanarOptions().least_area
+    assert set(np.unique(found.label)) == {-1, *range(len(found.area))}
+
+
+def test_a_known_plane_between_the_two_of_one_wall_is_left_out():
+    line = np.arange(0, 121.0, 1.5)
+    wall = noisy(joined(sheet(line, line[:40], lambda u, v: (u, v, np.where(u > 60, 0.9, -0.9)))), 0.1)
+    ones, between = np.ones(len(wall.vertices)), Plane(np.array([0, 0, 1.0]), 0.0)
+    alone, found = flatten_planes(wall, ones).planes, flatten_planes(wall, ones, known=[between]).planes
+    assert alone is not None and found is not None
+    np.testing.assert_array_equal(found.offsets, alone.offsets)
 
 
 def test_a_known_plane_does_not_flatten_a_vault():

@@ -84,6 +84,8 @@ def test_it_comes_back_from_its_file(found: StartSurface, tmp_path: Path) -> Non
     np.testing.assert_array_equal(back.mesh.faces, found.mesh.faces)
     np.testing.assert_array_equal(back.confidence, found.confidence)
     assert back.pixel == found.pixel
+    np.testing.assert_array_equal(back.planes, found.planes)
+    assert len(found.planes) > 3 and np.allclose(np.linalg.norm(found.planes[:, :3], axis=1), 1)
     (tmp_path / "start.npz").write_bytes(b"PK\x03\x04 nothing")
     assert read_start(tmp_path / "start.npz") is None
     assert read_start(tmp_path / "none.npz") is None
