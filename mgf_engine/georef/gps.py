@@ -95,7 +95,7 @@ def _degrees(gps: dict[int, Any], tag: GPS, negative: str) -> float | None:
 
 def _altitude(gps: dict[int, Any]) -> float | None:
     height, reference = number(gps.get(GPS.GPSAltitude)), gps.get(GPS.GPSAltitudeRef)
-    below = reference in (1, b"\x01", b"1", "1")
+    below = reference in (1, 3, b"\x01", b"\x03", b"1", "1")  # 3 since Exif 3.0
     return None if height is None else -height if below else height
 
 

@@ -26,7 +26,7 @@ from mgf_engine.town.page import write_page
 from mgf_engine.town.plan import BUILDINGS
 from mgf_engine.town.result import CITYJSON, GLB, PAGE, TABLE, TERRAIN, TERRAIN_LOG, TILES, gather, read_rows
 from mgf_engine.town.slurm import SLURM, cancel_jobs, check_slurm
-from mgf_engine.town.worker import FAILED, FINISHED, RUNNING, STATUS, STOPPED
+from mgf_engine.town.worker import FAILED, FINISHED, RUNNING, STATUS, STOPPED, WAITING
 from mgf_engine.town.workflow import LOCAL, LOG, MOST_JOBS, Executor, OptionalProducts, snakemake, write_config
 
 _POLL_SECONDS, _PAGE_SECONDS = 1.0, 5.0  # between two looks at the jobs, and between two writings of the page
@@ -188,7 +188,7 @@ def _say_changes(rows: list[dict[str, Any]], said: dict[str, str]) -> None:
     """Print a line for each building whose job went on to something else, for logs and pipes."""
     for row in rows:
         now = f"{row['job']} {row['status'].get('stage', '') if row['job'] == RUNNING else ''}".strip()
-        if row["job"] and said.get(row["id"], "waiting") != now:
+        if row["job"] and said.get(row["id"], WAITING) != now:
             said[row["id"]] = now
             print(f"{row['id']}: {now}", file=sys.stderr, flush=True)
 
@@ -238,7 +238,7 @@ def finish(town: Path, code: int, most_faces: int, tiles: bool, wanted: Optional
     ready = [row for row in rows if row["job"]]
     bad = [row for row in ready if row["job"] != FINISHED]
     print(f"{len(ready) - len(bad)} of {len(ready)} buildings are done; written to {town}: {', '.join(made)}")
-    if bad and all(row["job"] == "waiting" for row in bad) and code:
+    if bad and all(row["job"] == WAITING for row in bad) and code:
         raise BadInput(f"Snakemake could not run the jobs; '{town / LOG}' says why.")
     if bad:
         print(
