@@ -26,6 +26,7 @@ _EXCHANGED = {
     "East and north": [1, 0, 2], "North and height": [0, 2, 1], "East and height": [2, 1, 0],
 }  # fmt: skip
 _FEET = 0.3048
+_HIGHEST = 9000.0  # m, of a height on land
 
 
 def check_points(points: Sequence[ControlPoint], projection: ProjectedCrs | None, photos: Array | None) -> None:
@@ -47,6 +48,13 @@ def check_points(points: Sequence[ControlPoint], projection: ProjectedCrs | None
         return
     if not projection.covers(at):
         raise BadInput(_outside_text(at, projection))
+    high = float(np.abs(at[:, 2]).max())
+    if high > _HIGHEST:
+        raise BadInput(
+            _mistake(at, projection.covers)
+            or f"A control point lies {high / 1000:,.0f} km high; check that east, north and height stand in their "
+            "columns, in metres."
+        )
     if photos is not None:
         away = _distance(at, projection, photos)
         if away > _FAR:
@@ -65,10 +73,14 @@ def _outside_text(at: Array, projection: ProjectedCrs) -> str:
 
 def _mistake(at: Array, fits: Callable[[Array], bool]) -> str | None:
     """Return a sentence on the mistake without which coordinates [N, 3] would fit: exchanged columns, or feet."""
+
+    def possible(places: Array) -> bool:
+        return fits(places) and bool(np.abs(places[:, 2]).max() < _HIGHEST)
+
     for names, columns in _EXCHANGED.items():
-        if fits(at[:, columns]):
+        if possible(at[:, columns]):
             return f"{names} of the control points seem swapped; exchange the two columns."
-    if fits(at * _FEET):
+    if possible(at * _FEET):
         return "The coordinates of the control points seem to be feet; convert them to metres."
     return None
 
