@@ -10,14 +10,14 @@ from mgf_engine.errors import BadInput
 from mgf_engine.files.atomic import write_json
 from mgf_engine.files.html_section import replace_section
 from mgf_engine.geometry.mesh_files import IMAGE, read_texture
-from mgf_engine.georef.export import write_georeferenced
+from mgf_engine.georef.export import FOLDER, write_georeferenced
 from mgf_engine.georef.find import GeoreferenceFit, find_georeference
-from mgf_engine.georef.model import write_georeference
+from mgf_engine.georef.model import FILE, write_georeference
 from mgf_engine.georef.options import GeoreferenceOptions
 from mgf_engine.georef.report import BEGIN, END, georeference_figures, georeference_html
 from mgf_engine.jobs.job import Job
 from mgf_engine.jobs.results import load_mesh, load_scene_of
-from mgf_engine.jobs.runs import current_run, delivered
+from mgf_engine.jobs.runs import delivered, renew_run
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene
@@ -58,14 +58,12 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     warnings: list[str] = []
     fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), warnings.append)
     texture = read_texture(job.folder) if (job.folder / IMAGE).exists() else None
+    write_models(job, mesh, fit, texture)  # first: they are what a disk may have no room for
     write_georeference(fit.georeference, job.folder)
-    write_models(job, mesh, fit, texture)
     replace_section(job.path("report.html"), georeference_html(fit, scene), BEGIN, END)
     figures = json.loads(job.path("report.json").read_text(encoding="utf-8"))
     write_json(job.path("report.json"), {**figures, "georeference": plain(fit)})
-    run = current_run(job.folder)
-    if run is not None:
-        write_georeference(fit.georeference, run)
+    renew_run(job.folder, (FILE, FOLDER))
     if all(job.done(name) for name in STAGE_NAMES if name != last):  # or the next run has to redo the last one as well
         job.stages[last]["key"] = job.keys[last]
     job.save()

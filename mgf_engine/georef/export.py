@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from mgf_engine.files.atomic import atomic_folder
 from mgf_engine.geometry.mesh_files import IMAGE, write_glb, write_obj, write_ply
 from mgf_engine.georef.crs import ProjectedCrs
 from mgf_engine.georef.model import Georeference, write_georeference
@@ -29,6 +30,8 @@ def write_georeferenced(
 ) -> Path | None:
     """Write the mesh (scene frame) in the local frame below the job folder; None where nothing tells its scale.
 
+    The folder takes the place of an earlier one when all of it is written.
+
     Args:
         mesh: scene frame.
         georeference: scene frame to local frame, and its CRS.
@@ -37,22 +40,22 @@ def write_georeferenced(
         obj, glb: the formats to write beside PLY.
     """
     folder = job / FOLDER
-    shutil.rmtree(folder, ignore_errors=True)
     if not georeference.metric:
+        shutil.rmtree(folder, ignore_errors=True)
         return None
-    folder.mkdir()
     local = replace(mesh, vertices=georeference.local(mesh.vertices))
     says = comments(georeference)
-    write_ply(local, folder / "mesh.ply", says)
-    if texture is not None and (obj or glb):
-        shutil.copyfile(job / IMAGE, folder / IMAGE)
-    if obj:
-        write_obj(local, folder / "mesh.obj", texture, says)
-    if glb:
-        write_glb(local, folder / "mesh.glb", texture, GLTF_AXES, extras(georeference))
-    write_georeference(georeference, folder)
-    if georeference.crs is not None:
-        (folder / "mesh.prj").write_text(ProjectedCrs(georeference.crs).wkt(), encoding="ascii", errors="replace")
+    with atomic_folder(folder) as beside:
+        write_ply(local, beside / "mesh.ply", says)
+        if texture is not None and (obj or glb):
+            shutil.copyfile(job / IMAGE, beside / IMAGE)
+        if obj:
+            write_obj(local, beside / "mesh.obj", texture, says)
+        if glb:
+            write_glb(local, beside / "mesh.glb", texture, GLTF_AXES, extras(georeference))
+        write_georeference(georeference, beside)
+        if georeference.crs is not None:
+            (beside / "mesh.prj").write_text(ProjectedCrs(georeference.crs).wkt(), encoding="ascii", errors="replace")
     return folder
 
 

@@ -100,6 +100,21 @@ def current_run(job: Path) -> Path | None:
     return job / FOLDER / str(runs[-1].number) if runs else None
 
 
+def renew_run(job: Path, names: Iterable[str]) -> None:
+    """Bring files and folders of these names in a job's present result, if it has one, to what they are in the job
+    folder now."""
+    run = current_run(job)
+    if run is None:
+        return
+    for name in names:
+        there = run / name
+        if there.is_dir():
+            shutil.rmtree(there)
+        else:
+            there.unlink(missing_ok=True)
+        _link(job / name, there)
+
+
 def delivered(job: Path) -> bool:
     """Tell whether every file is there that the job's ``deliver.json`` names."""
     try:

@@ -15,7 +15,7 @@ from mgf_engine.cli.main import main
 from mgf_engine.errors import BadInput
 from mgf_engine.files.atomic import atomic_path
 from mgf_engine.jobs.job import Job
-from mgf_engine.jobs.runs import keep_run, list_runs, remove_runs
+from mgf_engine.jobs.runs import keep_run, list_runs, remove_runs, renew_run
 
 NAMES = ("mesh.ply", "texture.jpg", "renders", "field.ply")
 
@@ -40,6 +40,22 @@ def run(job: Path, content: str) -> int:
 
 def of(job: Path) -> dict:
     return json.loads((job / "deliver.json").read_text())
+
+
+def test_the_present_result_follows_the_job_folder_and_earlier_ones_stay(job: Path) -> None:
+    renew_run(job, ["mesh.ply"])  # there is none yet
+    assert [run(job, text) for text in ("first", "second")] == [1, 2]
+    with atomic_path(job / "mesh.ply") as temporary:
+        temporary.write_text("third")
+    with atomic_path(job / "renders" / "b.png") as temporary:
+        temporary.write_text("third")
+    (job / "texture.jpg").unlink()
+    renew_run(job, ["mesh.ply", "renders", "texture.jpg", "nothing"])
+    first, second = job / "runs" / "1", job / "runs" / "2"
+    assert (first / "mesh.ply").read_text() == "first" and (second / "mesh.ply").read_text() == "third"
+    assert sorted(path.name for path in (second / "renders").iterdir()) == ["a.png", "b.png"]
+    assert (first / "texture.jpg").is_file() and not (second / "texture.jpg").exists()
+    assert [path.name for path in (first / "renders").iterdir()] == ["a.png"]
 
 
 @pytest.mark.parametrize("links", [True, False])
