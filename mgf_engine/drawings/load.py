@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mgf_engine.drawings.model import LEANING, Array, Survey
 from mgf_engine.errors import BadInput
@@ -25,7 +24,7 @@ from mgf_engine.model.masks import MaskSet
 from mgf_engine.model.mesh import Mesh
 from mgf_engine.model.scene import Scene
 from mgf_engine.options.algorithms import parameter
-from mgf_engine.scene.gravity import GravityOptions, find_up
+from mgf_engine.scene.gravity import GravityOptions, find_up, turn_up
 from mgf_engine.scene.store import read_saved_scene
 
 
@@ -92,16 +91,6 @@ def up_from_walls(mesh: Mesh, guess: Array, options: UpOptions = UpOptions()) ->
         up = found * np.sign(found @ guess)
     axis = int(np.abs(up).argmax())
     return np.eye(3)[axis] * np.sign(up[axis]) if abs(up[axis]) > np.cos(np.radians(options.axis_angle)) else up
-
-
-def turn_up(up: Array) -> NDArray[np.float64]:
-    """Return the smallest rotation [3, 3] that takes a unit vector [3] to z."""
-    x, y, z = up
-    if z < -0.999999:
-        return np.diag([1.0, -1.0, -1.0])
-    return np.array([
-        [1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]
-    ])  # fmt: skip
 
 
 def _pixels(mesh: Mesh, scene: Scene, masks: MaskSet) -> tuple[float, float]:

@@ -48,7 +48,8 @@ def deliver(job: Job, reporter: Reporter) -> dict[str, Any]:
     scene, masks = load_inputs(job)
     rated = load_mesh(job, ("confidence", "views"))
     mesh = replace(rated, values={})
-    fit = georeference_job(job, scene, reporter)  # first: files that cannot be used should end the job before long work
+    # First: files that cannot be used should end the job before long work.
+    fit = georeference_job(job, scene, masks.up, reporter)
     reporter.check()
     field = load_field(job).to(choose_device(job.config.device).device)
     normalised = replace(mesh, vertices=scene.to_normalised.apply(mesh.vertices))

@@ -18,15 +18,24 @@ from mgf_engine.georef.report import BEGIN, END, georeference_figures, georefere
 from mgf_engine.jobs.job import Job
 from mgf_engine.jobs.results import load_mesh, load_scene_of
 from mgf_engine.jobs.runs import delivered, renew_run
+from mgf_engine.masks.store import read_up
 from mgf_engine.messages import Reporter
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene
+from mgf_engine.model.up_direction import UpDirection
 from mgf_engine.stages import MANIFEST, STAGE_NAMES, STAGES, stage_of_section
 
 
-def georeference_job(job: Job, scene: Scene, reporter: Reporter) -> GeoreferenceFit:
-    """Find a job's georeference and write its ``georef.json``."""
-    fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), reporter.warning)
+def georeference_job(job: Job, scene: Scene, up: UpDirection | None, reporter: Reporter) -> GeoreferenceFit:
+    """Find a job's georeference and write its ``georef.json``.
+
+    Args:
+        job: whose scene and masks are done.
+        scene: of the job.
+        up: direction up, as the masks know it; None to find it.
+        reporter: for warnings.
+    """
+    fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), reporter.warning, up)
     write_georeference(fit.georeference, job.folder)
     return fit
 
@@ -56,7 +65,8 @@ def apply_to_finished(job: Job, reporter: Reporter) -> GeoreferenceFit:
     last = stage_of_section("georef").name  # its options are what may have changed
     scene, mesh = load_scene_of(job), load_mesh(job)
     warnings: list[str] = []
-    fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), warnings.append)
+    up = read_up(job.path("masks")) if job.done("masks") else None  # found by other options else
+    fit = find_georeference(scene, job.config.algorithm(GeoreferenceOptions), warnings.append, up)
     texture = read_texture(job.folder) if (job.folder / IMAGE).exists() else None
     write_models(job, mesh, fit, texture)  # first: they are what a disk may have no room for
     write_georeference(fit.georeference, job.folder)

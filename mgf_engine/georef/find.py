@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from mgf_engine.errors import BadInput
 from mgf_engine.georef.control_points import CHECK, CONTROL, ControlPoints, read_control, read_marks
@@ -25,7 +24,8 @@ from mgf_engine.georef.similarity import Direction, matrix_of
 from mgf_engine.georef.triangulate import TriangulatedPoint, place_points
 from mgf_engine.georef.validation import check_marks, check_points, wrong_marks
 from mgf_engine.model.scene import Scene, Similarity
-from mgf_engine.scene.gravity import UpDirection, find_up
+from mgf_engine.model.up_direction import UpDirection
+from mgf_engine.scene.gravity import find_up, turn_up
 
 Array = NDArray[np.float64]
 log = logging.getLogger("mgf")
@@ -56,19 +56,22 @@ class GeoreferenceFit:
     notes: tuple[str, ...] = ()
 
 
-def find_georeference(scene: Scene, options: GeoreferenceOptions, warn: Callable[[str], None]) -> GeoreferenceFit:
+def find_georeference(
+    scene: Scene, options: GeoreferenceOptions, warn: Callable[[str], None], up: UpDirection | None = None
+) -> GeoreferenceFit:
     """Find the georeference of a scene by control points, GPS, scale bars, or up alone.
 
     Args:
         scene: cameras and photos.
         options: files and CRS that the user gave, and numbers of the algorithms.
         warn: takes a sentence that the user should read.
+        up: direction up, where it was found before by the same options; else it is found here.
 
     Raises:
         BadInput: what the user gave cannot be used; photos without GPS, or with one that does not fit, are no reason.
     """
     positions = [read_gps_position(Path(v.photo), options.position.accuracy) if v.photo else None for v in scene.views]
-    up = find_up(scene, options=options.gravity)
+    up = find_up(scene, options=options.gravity) if up is None else up
     if options.gps == "off":
         positions = [None] * len(positions)
     known = np.array([[p.latitude, p.longitude, p.height] for p in positions if p is not None]).reshape(-1, 3)
@@ -271,9 +274,7 @@ def _upright(scene: Scene, up: UpDirection, scale: float | None = None) -> Geore
     """Georeference with up alone, and the scale where it is given (metres per unit of the normalised frame)."""
     frame = scene.to_normalised
     direction = frame.rotation.T @ up.vector  # in the scene frame
-    turn = Rotation.align_vectors([[0.0, 0.0, 1.0]], direction[None])[0].as_matrix()  # the smallest such rotation
-    if direction[2] > np.cos(_UPRIGHT):
-        turn = np.eye(3)
+    turn = np.eye(3) if direction[2] > np.cos(_UPRIGHT) else turn_up(direction)
     unit, factor = (SCENE_UNITS, 1.0) if scale is None else (METRE, scale * frame.scale)
     accuracy = {"up_degrees": up.degrees}
     method = "up" if scale is None else "scale_bars"

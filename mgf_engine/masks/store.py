@@ -23,6 +23,7 @@ from mgf_engine.files.images import png_size
 from mgf_engine.masks.parts import Part
 from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.scene import Scene
+from mgf_engine.model.up_direction import UP_METHODS, UpDirection
 from mgf_engine.native.parallel import parallel_map
 
 VERSION = 1
@@ -82,7 +83,7 @@ def save_masks(
         }
         for k, (view, file) in enumerate(zip(scene.views, files, strict=True))
     ]
-    up = None if masks.up is None else masks.up.tolist()
+    up = None if masks.up is None else {**masks.up.__dict__, "vector": masks.up.vector.tolist()}
     write_json(folder / "scores.json", {"version": VERSION, **(figures or {}), "up": up, "views": views})
 
 
@@ -117,6 +118,20 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
     return MaskSet(tuple(labels), used, scores, points, clicks, up)
 
 
+def read_up(folder: Path) -> UpDirection | None:
+    """Read the direction up alone, without the masks; None where there is none.
+
+    Raises:
+        BadInput: the file is damaged.
+    """
+    try:
+        return _up(json.loads((folder / "scores.json").read_text(encoding="utf-8")).get("up"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise BadInput(f"Cannot read the masks in '{folder}' ({reason(error)}); run the masks stage again.") from error
+
+
 def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
     """Read the clicks on the building in each view, [K, 2]; () where the masks are not from clicks."""
     if not all("clicks" in view for view in views):
@@ -127,14 +142,15 @@ def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
     return tuple(c.astype(np.float32) for c in clicks)
 
 
-def _up(stored: list[float] | None) -> NDArray[np.float64] | None:
-    """Read the direction up, unit [3]; None where the masks know none, as those of earlier versions."""
-    if stored is None:
+def _up(stored: Any) -> UpDirection | None:
+    """Read the direction up; None where the masks know none, or as those of earlier versions no more than a vector."""
+    if not isinstance(stored, dict):
         return None
-    up = np.array(stored, np.float64)
-    if up.shape != (3,) or not abs(np.linalg.norm(up) - 1) < 1e-6:
+    vector, sd = np.array(stored["vector"], np.float64), float(stored["sd"])
+    unit = vector.shape == (3,) and abs(np.linalg.norm(vector) - 1) < 1e-6
+    if not unit or not 0 < sd < np.inf or stored["method"] not in UP_METHODS:
         raise ValueError("up")
-    return up
+    return UpDirection(vector, sd, str(stored["method"]), int(stored["edges"]))
 
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:

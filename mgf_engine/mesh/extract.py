@@ -109,7 +109,8 @@ def extract_mesh(
             mesh = flat.mesh
         if options.openings:
             with part("openings"):
-                mesh = cut_wall_openings(flat, scene, trusted, options, masks.up, reporter.check)
+                up = None if masks.up is None else masks.up.vector
+                mesh = cut_wall_openings(flat, scene, trusted, options, up, reporter.check)
     if options.drop_unseen:
         with part("borders"):
             mesh = trim_mesh(mesh, field, trusted, options)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mgf_engine.model.up_direction import UpDirection
+
 BACKGROUND = 0
 BUILDING = 1
 FIRST_ELEMENT = 2  # 2..254: second-level elements, ids local to the image
@@ -24,7 +26,7 @@ class MaskSet:
         scores: float32 [V]; agreement with the sparse points, 0..1.
         point_mask: bool [P]; true for the masked points P' (eq. 3).
         clicks: per view float32 [K, 2], working pixels where the building was clicked; () for masks of another origin.
-        up: direction up by which clicks became masks, unit [3], normalised frame; None for masks of another origin.
+        up: direction up by which clicks became masks; None for masks of another origin.
     """
 
     labels: tuple[NDArray[np.uint8], ...]
@@ -32,7 +34,7 @@ class MaskSet:
     scores: NDArray[np.float32]
     point_mask: NDArray[np.bool_]
     clicks: tuple[NDArray[np.float32], ...] = ()
-    up: NDArray[np.float64] | None = None
+    up: UpDirection | None = None
 
     @property
     def clicked(self) -> list[int]:

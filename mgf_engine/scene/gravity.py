@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mgf_engine.geometry.normals import unit_vectors
 from mgf_engine.model.scene import Scene, View
+from mgf_engine.model.up_direction import UpDirection
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.options.algorithms import parameter
 
@@ -46,28 +47,6 @@ class GravityOptions:
     steep: float = parameter(
         45.0, "Maximum angle between the mean viewing direction of photos from above and down", "degrees", high=90
     )
-
-
-@dataclass(frozen=True)
-class UpDirection:
-    """The direction up.
-
-    Attributes:
-        vector: unit [3], normalised frame.
-        sd: standard deviation, radians.
-        method: ``walls``, ``tags`` or ``cameras``.
-        edges: number of edges that show it.
-    """
-
-    vector: Array
-    sd: float
-    method: str
-    edges: int = 0
-
-    @property
-    def degrees(self) -> float:
-        """Standard deviation in degrees."""
-        return float(np.degrees(self.sd))
 
 
 def find_up(scene: Scene, threads: int | None = None, options: GravityOptions = GravityOptions()) -> UpDirection:
@@ -157,6 +136,16 @@ def up_of_tilted_view(
     level = np.sqrt(np.mean(slope**2)) <= np.sin(np.radians(level_rms))
     tilted = view.up @ up < np.cos(np.radians(tilt))
     return up if tilted and level and looking_down(others, options) is None else None
+
+
+def turn_up(up: Array) -> Array:
+    """Return the smallest rotation [3, 3] that takes a unit vector [3] to z."""
+    x, y, z = up
+    if z < -0.999999:
+        return np.diag([1.0, -1.0, -1.0])
+    return np.array([
+        [1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]
+    ])  # fmt: skip
 
 
 def horizontal_axes(up: Array) -> Array:

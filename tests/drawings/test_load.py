@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from mgf_engine.drawings.load import UpOptions, turn_up, up_from_walls
+from mgf_engine.drawings.load import UpOptions, up_from_walls
 from mgf_engine.model.mesh import Mesh
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -48,20 +48,3 @@ def test_without_walls_the_cameras_count() -> None:
     plate, _ = tilted(20.0, trimesh.creation.box((6, 4, 0.01)))
     guess = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
     assert up_from_walls(plate, guess, UpOptions()) is guess
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_turn_is_the_smallest_that_takes_up_to_z(seed: int) -> None:
-    up = np.random.default_rng(seed).normal(size=3)
-    up /= np.linalg.norm(up)
-    turn = turn_up(up)
-    np.testing.assert_allclose(turn @ up, Z, atol=1e-12)
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-    assert np.degrees(Rotation.from_matrix(turn).magnitude()) == pytest.approx(angle(up, Z), abs=1e-6)
-
-
-def test_upside_down_is_turned_over() -> None:
-    turn = turn_up(-Z)
-    np.testing.assert_allclose(turn @ -Z, Z, atol=1e-12)
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    np.testing.assert_array_equal(turn_up(Z), np.eye(3))

@@ -13,11 +13,15 @@ from support.small_scene import make_scene, view
 
 from mgf_engine.errors import BadInput
 from mgf_engine.masks.parts import Part
-from mgf_engine.masks.store import label_files, read_masks, read_png, save_masks, write_image
+from mgf_engine.masks.store import label_files, read_masks, read_png, read_up, save_masks, write_image
 from mgf_engine.model.masks import IGNORE, MaskSet
 from mgf_engine.model.scene import Scene
+from mgf_engine.model.up_direction import UpDirection
 
 SCENE = make_scene([view("a.jpg", 0), view("b.jpg", 1)], np.zeros((3, 3)), [[(0, 1, 1)], [(0, 2, 2)], [(1, 3, 3)]])
+
+
+UP = UpDirection(np.array([0.6, -0.8, 0.0]), 0.0123456789, "walls", 40)
 
 
 def masks() -> MaskSet:
@@ -25,7 +29,7 @@ def masks() -> MaskSet:
     first[2:5, 3:9], second[0, 0] = 2, IGNORE
     clicks = (np.array([[1.5, 2.25]], np.float32), np.zeros((0, 2), np.float32))
     return MaskSet((first, second), np.array([True, False]), np.array([0.5, 0.25], np.float32),
-                   np.array([True, False, True]), clicks, np.array([0.6, -0.8, 0.0]))  # fmt: skip
+                   np.array([True, False, True]), clicks, UP)  # fmt: skip
 
 
 def test_masks_come_back_as_they_were(tmp_path: Path) -> None:
@@ -35,8 +39,11 @@ def test_masks_come_back_as_they_were(tmp_path: Path) -> None:
     read = read_masks(tmp_path, SCENE)
     for one, other in zip(given.labels, read.labels, strict=True):
         np.testing.assert_array_equal(one, other)
-    for name in ("used", "scores", "point_mask", "up"):
+    for name in ("used", "scores", "point_mask"):
         np.testing.assert_array_equal(getattr(given, name), getattr(read, name))
+    for up in (read.up, read_up(tmp_path)):
+        assert up is not None and up.vector.tolist() == UP.vector.tolist()
+        assert (up.sd, up.method, up.edges) == (UP.sd, "walls", 40)
     assert [c.tolist() for c in read.clicks] == [[[1.5, 2.25]], []] and read.clicked == [0]
     scores = json.loads((tmp_path / "scores.json").read_text())
     assert scores["segmenter"] == "none" and [v["flag"] for v in scores["views"]] == ["", "too dark"]
@@ -51,9 +58,22 @@ def test_masks_of_earlier_versions_know_no_direction_up(tmp_path: Path) -> None:
     assert data.pop("up") is None and read_masks(tmp_path, SCENE).up is None
     (tmp_path / "scores.json").write_text(json.dumps(data))
     assert read_masks(tmp_path, SCENE).up is None
+    (tmp_path / "scores.json").write_text(json.dumps({**data, "up": [0.6, -0.8, 0.0]}))  # without its accuracy
+    assert read_masks(tmp_path, SCENE).up is None and read_up(tmp_path) is None
+    assert read_up(tmp_path / "nowhere") is None
 
 
-@pytest.mark.parametrize("up", ["[0, 1]", "[0, 0, 2]", "[0, 0, NaN]", '"z"', "{}"])
+@pytest.mark.parametrize(
+    "up",
+    [
+        "{}", '{"vector": [0, 1], "sd": 0.1, "method": "tags", "edges": 0}',
+        '{"vector": [0, 0, 2], "sd": 0.1, "method": "tags", "edges": 0}',
+        '{"vector": [0, 0, NaN], "sd": 0.1, "method": "tags", "edges": 0}',
+        '{"vector": [0, 0, 1], "sd": -0.1, "method": "tags", "edges": 0}',
+        '{"vector": [0, 0, 1], "sd": 0.1, "method": "tags", "edges": "many"}',
+        '{"vector": [0, 0, 1], "sd": 0.1, "method": "stars", "edges": 0}',
+    ],
+)  # fmt: skip
 def test_a_direction_up_that_is_none_is_refused(tmp_path: Path, up: str) -> None:
     save_masks(masks(), SCENE, tmp_path, ["", ""])
     data = json.loads((tmp_path / "scores.json").read_text())

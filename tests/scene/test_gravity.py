@@ -8,12 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.small_scene import grid, photos, tilted
 
 from mgf_engine.native.library import set_threads
 from mgf_engine.scene import gravity
-from mgf_engine.scene.gravity import common_direction, find_up, rough_up, up_from_cameras, up_of_tilted_view
+from mgf_engine.scene.gravity import common_direction, find_up, rough_up, turn_up, up_from_cameras, up_of_tilted_view
 from mgf_engine.scene.validation import surround_angle
+
+UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("degrees", [0.0, 3.0])
@@ -149,3 +152,20 @@ def test_edges_are_looked_for_in_several_photos_at_a_time(monkeypatch: pytest.Mo
         assert find_up(photos(grid(2, 1), tilted(2, 0.0))).method == "cameras"
     finally:
         set_threads(0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_turn_is_the_smallest_that_takes_up_to_z(seed: int) -> None:
+    up = np.random.default_rng(seed).normal(size=3)
+    up /= np.linalg.norm(up)
+    turn = turn_up(up)
+    np.testing.assert_allclose(turn @ up, UP, atol=1e-12)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert Rotation.from_matrix(turn).magnitude() == pytest.approx(np.arccos(up[2]), abs=1e-8)
+
+
+def test_upside_down_is_turned_over() -> None:
+    turn = turn_up(-UP)
+    np.testing.assert_allclose(turn @ -UP, UP, atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+    np.testing.assert_array_equal(turn_up(UP), np.eye(3))

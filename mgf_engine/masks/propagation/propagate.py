@@ -118,9 +118,10 @@ class _Propagator:
             self.config.algorithm(DensifyOptions),
         )
         self.reporter.progress(0.4)
-        self.up = find_up(self.scene, self.threads, self.config.algorithm(GravityOptions)).vector
+        self.up = find_up(self.scene, self.threads, self.config.algorithm(GravityOptions))
         self.reporter.check()
-        self.point_features = measure_point_features(self.scene, self.up, self.config.algorithm(PointFeatureOptions))
+        features = self.config.algorithm(PointFeatureOptions)
+        self.point_features = measure_point_features(self.scene, self.up.vector, features)
         self.reporter.check()
         self.graph = LabelGraph(
             self.scene, self.regions, self.point_features, self.threads, self.full,
