@@ -144,7 +144,7 @@ def _find_islands(
     mesh: Mesh, pixel: Array, planes: Planes, known: NDArray[np.int32], options: PlaneLabelOptions
 ) -> _Islands:
     """Find the groups of vertices whose ``known`` plane [N] is -1, and the plane around each."""
-    group, around, plane = _islands(mesh, known)
+    group, around, plane = _connected_groups(mesh, known)
     count = int(group.max(initial=-1)) + 1
     frequent = _most_frequent(around, plane, count, len(planes.normals))
     sums = np.stack([np.bincount(around, planes.normals[plane, k], count) for k in range(3)], 1)
@@ -158,7 +158,7 @@ def _find_islands(
     return _Islands(group, frequent, height, np.bincount(group[rows], above, count) > 0)
 
 
-def _islands(mesh: Mesh, label: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32], Index]:
+def _connected_groups(mesh: Mesh, label: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32], Index]:
     """Group connected vertices without plane.
 
     Returns:
