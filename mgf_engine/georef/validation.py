@@ -50,9 +50,11 @@ def check_points(points: Sequence[ControlPoint], projection: ProjectedCrs | None
         raise BadInput(_outside_text(at, projection))
     high = float(np.abs(at[:, 2]).max())
     if high > _HIGHEST:
+        mistake = _mistake(at, projection.covers)
+        if mistake is not None:
+            raise BadInput(mistake)
         raise BadInput(
-            _mistake(at, projection.covers)
-            or f"A control point lies {high / 1000:,.0f} km high; check that east, north and height stand in their "
+            f"A control point lies {high / 1000:,.0f} km high; check that east, north and height stand in their "
             "columns, in metres."
         )
     if photos is not None:
