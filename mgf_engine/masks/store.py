@@ -27,6 +27,7 @@ from mgf_engine.model.up_direction import UP_METHODS, UpDirection
 from mgf_engine.native.parallel import parallel_map
 
 VERSION = 1
+_AGAIN = "run the masks stage again"  # what to do about files that cannot be used
 
 
 def label_files(scene: Scene) -> list[str]:
@@ -93,7 +94,6 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
     Raises:
         BadInput: files are missing, damaged, or belong to another scene.
     """
-    again = "run the masks stage again"
     try:
         data = json.loads((folder / "scores.json").read_text(encoding="utf-8"))
         views = data["views"]
@@ -106,14 +106,14 @@ def read_masks(folder: Path, scene: Scene) -> MaskSet:
             raise ValueError("scores")
         clicks, up = _clicks(views), _up(data.get("up"))
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise BadInput(f"Cannot read the masks in '{folder}' ({reason(error)}); {again}.") from error
+        raise BadInput(f"Cannot read the masks in '{folder}' ({reason(error)}); {_AGAIN}.") from error
     if names != [v.name for v in scene.views] or files != label_files(scene) or len(points) != len(scene.points):
-        raise BadInput(f"The masks in '{folder}' belong to another scene; {again}.")
+        raise BadInput(f"The masks in '{folder}' belong to another scene; {_AGAIN}.")
     labels = []
     for view, file in zip(scene.views, files, strict=True):
         image = read_png(folder / file, ((view.width, view.height),))
         if image is None or image.dtype != np.uint8 or image.shape != (view.height, view.width):
-            raise BadInput(f"The mask '{folder / file}' is missing, damaged or of another size; {again}.")
+            raise BadInput(f"The mask '{folder / file}' is missing, damaged or of another size; {_AGAIN}.")
         labels.append(image)
     return MaskSet(tuple(labels), used, scores, points, clicks, up)
 
@@ -129,7 +129,7 @@ def read_up(folder: Path) -> UpDirection | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise BadInput(f"Cannot read the masks in '{folder}' ({reason(error)}); run the masks stage again.") from error
+        raise BadInput(f"Cannot read the masks in '{folder}' ({reason(error)}); {_AGAIN}.") from error
 
 
 def _clicks(views: list[dict[str, Any]]) -> tuple[NDArray[np.float32], ...]:
