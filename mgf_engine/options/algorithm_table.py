@@ -153,6 +153,7 @@ ALGORITHMS: tuple[Algorithm, ...] = (
     Algorithm("texture_visibility", "deliver", "Photos that show a face", "texture.visibility:VisibilityOptions", also=("drawings", "models")),
     Algorithm("texture_views", "deliver", "Choice of the photo that paints a face", "texture.view_selection:ViewSelectionOptions", also=("drawings", "models")),
     Algorithm("texture_charts", "deliver", "Layout of the texture", "texture.charts:ChartOptions"),
+    Algorithm("texture_blend", "deliver", "Mixing of both photos beside seams", "texture.blending:BlendOptions"),
     Algorithm("seams", "deliver", "Levelling of colours at seams", "texture.seams:SeamOptions", also=("drawings", "models")),
     # drawings
     Algorithm("facades", "drawings", "Facades of a building", "drawings.facades:FacadeOptions"),

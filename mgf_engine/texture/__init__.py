@@ -2,6 +2,6 @@
 """Texture of the finished mesh: an atlas of the user's original photos, and the UV coordinates of each face.
 
 Which photo shows which face (``visibility``), which one paints it (``view_selection``), where that goes in the picture
-(``charts``), how seams between photos vanish (``seams``), and the pixels themselves (``bake``); ``texture_pipeline``
-runs it all.
+(``charts``, ``packing``), how seams between photos vanish (``seams``, ``blending``), and the pixels themselves
+(``bake``); ``texture_pipeline`` runs it all.
 """

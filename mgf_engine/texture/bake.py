@@ -18,6 +18,7 @@ from mgf_engine.model.scene import View
 from mgf_engine.native.parallel import parallel_map
 from mgf_engine.scene.cameras import to_original
 from mgf_engine.scene.photos import PhotoMemory
+from mgf_engine.texture.blending import Bands, BlendOptions, find_bands
 from mgf_engine.texture.charts import ChartOptions
 from mgf_engine.texture.model import NO_VIEW, Layout, Source
 from mgf_engine.texture.painting import Painting
@@ -34,6 +35,7 @@ def bake(
     painting: Painting,
     progress: Callable[[float], None] = lambda share: None,
     options: ChartOptions = ChartOptions(),
+    blend: BlendOptions = BlendOptions(),
 ) -> NDArray[np.uint8]:
     """Paint the picture, RGB uint8 [H, W, 3].
 
@@ -43,21 +45,30 @@ def bake(
         painting: which photo paints which face, and the photos.
         progress: called with the share that is done.
         options: of the layout.
+        blend: of blending at seams.
     """
     label = painting.label
     face = draw_triangles(layout.at, layout.height, layout.width)
     pixel = np.flatnonzero(face >= 0)
-    pixel = pixel[np.argsort(label[face.ravel()[pixel]], kind="stable")]
-    owner = label[face.ravel()[pixel]]
-    kinds, start = np.unique(owner, return_index=True)
-    parts = np.split(pixel, start[1:])
+    bands = find_bands(layout, painting, mesh.faces, face, blend)
+    own, mixed = _groups(label[face.ravel()[pixel]], len(painting.views)), _groups(bands.view, len(painting.views))
+    kinds = [k for k in range(len(own)) if len(own[k]) or len(mixed[k])]
     image = np.zeros((layout.height * layout.width, 3), np.uint8)
+    second = np.zeros((len(bands.pixel), 3), np.uint8)
     painter = _Painter(mesh, layout, painting, face)
-    colors = parallel_map(lambda k: painter.paint(int(kinds[k]), parts[k]), range(len(kinds)))
-    for k, found in enumerate(colors):
-        progress(k / len(kinds))
-        image[parts[k]] = found
+    colors = parallel_map(lambda k: painter.paint(k - 1, pixel[own[k]], bands, mixed[k]), kinds)
+    for done, (k, (first, other)) in enumerate(zip(kinds, colors, strict=True)):
+        progress(done / len(kinds))
+        image[pixel[own[k]]], second[mixed[k]] = first, other
+    share = bands.share[:, None]
+    image[bands.pixel] = np.rint(image[bands.pixel] * (1 - share) + second * share)
     return fill_gutters(image.reshape(layout.height, layout.width, 3), face >= 0, 2 * options.gutter)
+
+
+def _groups(view: NDArray[np.int32], count: int) -> list[NDArray[np.int64]]:
+    """Return the positions of each value from :data:`NO_VIEW` to ``count - 1``."""
+    order = np.argsort(view, kind="stable")
+    return np.split(order, np.searchsorted(view[order], np.arange(NO_VIEW + 1, count)))
 
 
 class _Painter:
@@ -74,28 +85,54 @@ class _Painter:
         self.mesh, self.layout, self.painting, self.face = mesh, layout, painting, face.ravel()
         self._memory = PhotoMemory()
 
-    def paint(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.uint8]:
-        """Return colours [N, 3] of pixels [N] (y * width + x) from the photo of view ``index``, or :data:`NO_VIEW`."""
+    def paint(
+        self, index: int, pixels: NDArray[np.int64], bands: Bands, mixed: NDArray[np.int64]
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Return colours from the photo of view ``index``, or of the vertices for :data:`NO_VIEW`.
+
+        Args:
+            index: position among the views.
+            pixels: pixels of its own [N] (y * width + x).
+            bands: pixels that second photos are mixed into.
+            mixed: those of them, [M], that this one is mixed into.
+
+        Returns:
+            Colours of ``pixels`` [N, 3], and of the bands' pixels [M, 3].
+        """
         if index == NO_VIEW:
-            return self._in_chunks(pixels, lambda faces, weight: self._blend(self.mesh.colors, faces, weight))
+            own = self._in_chunks(pixels, lambda faces, weight: self._blend(self.mesh.colors, faces, weight))
+            return own, np.zeros((0, 3), np.uint8)
         view = self.painting.views[index]
         with self._memory.reserve(view.original_width, view.original_height):
             photo = reduce_photo(view, self.painting.source(index), self.layout.scale)
-            return self._in_chunks(
-                pixels,
-                lambda faces, weight: sample_photo(view, photo, self._blend(self.mesh.vertices, faces, weight)),
-            )
 
-    def _in_chunks(self, pixels: NDArray[np.int64], colors: Callable[[Faces, Weights], Array]) -> NDArray[np.uint8]:
-        """Colour pixels by their faces [n] and their weights between the corners [n, 3, 1], and level the seams."""
+            def look_up(faces: Faces, weight: Weights) -> Array:
+                return sample_photo(view, photo, self._blend(self.mesh.vertices, faces, weight))
+
+            own = self._in_chunks(pixels, look_up)
+            return own, self._in_chunks(bands.pixel[mixed], look_up, bands.correction[mixed])
+
+    def _in_chunks(
+        self,
+        pixels: NDArray[np.int64],
+        colors: Callable[[Faces, Weights], Array],
+        given: NDArray[np.float32] | None = None,
+    ) -> NDArray[np.uint8]:
+        """Colour pixels by their faces [n] and their weights between the corners [n, 3, 1], and level the seams.
+
+        Args:
+            pixels: [N].
+            colors: of faces and weights.
+            given: corrections of the pixels, [N, 3]; those of the faces' corners without.
+        """
         corrections, found = self.painting.corrections, np.empty((len(pixels), 3), np.uint8)
         for first in range(0, len(pixels), CHUNK):
             chunk = slice(first, first + CHUNK)
             faces = self.face[pixels[chunk]]
             at = np.stack([pixels[chunk] % self.layout.width, pixels[chunk] // self.layout.width], 1) + 0.5
             weight = barycentric(self.layout.at[faces], at)[..., None]
-            painted = colors(faces, weight) + (corrections.value[corrections.of_corner[faces]] * weight).sum(1)
-            found[chunk] = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
+            add = (corrections.value[corrections.of_corner[faces]] * weight).sum(1) if given is None else given[chunk]
+            found[chunk] = np.clip(np.rint(colors(faces, weight) + add), 0, 255).astype(np.uint8)
         return found
 
     def _blend(self, values: Array, faces: Faces, weight: Weights) -> NDArray[np.float64]:
@@ -154,7 +191,9 @@ def fill_gutters(image: NDArray[np.uint8], painted: NDArray[np.bool_], width: in
     )
     source = np.zeros(int(nearest.max()) + 1, np.int64)
     source[nearest[painted]] = np.flatnonzero(painted)
-    near = ~painted & (distance <= width)
-    image[near] = image.reshape(-1, 3)[source[nearest[near]]]
-    image[~painted & ~near] = image[painted].mean(0).astype(np.uint8)
+    near, flat = distance <= width, image.reshape(-1, 3)
+    beside = np.flatnonzero(near & ~painted)
+    mean = cv2.mean(image, painted.astype(np.uint8))[:3]
+    flat[beside] = flat[source[nearest.ravel()[beside]]]
+    np.copyto(image, np.array(mean, np.uint8), where=~near[..., None])
     return image

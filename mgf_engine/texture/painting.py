@@ -15,7 +15,7 @@ from mgf_engine.scene.exposure import with_gain
 from mgf_engine.scene.photos import original_photo
 from mgf_engine.texture.model import Source
 from mgf_engine.texture.seams import Corrections
-from mgf_engine.texture.visibility import VisibilityOptions
+from mgf_engine.texture.visibility import ShownFaces, VisibilityOptions
 
 
 class Originals:
@@ -52,6 +52,8 @@ class Painting:
         label: position among ``views`` of the view that paints each face, int32 [F];
             :data:`mgf_engine.texture.model.NO_VIEW` for faces that none shows.
         neighbours: pairs of faces that share an edge, [E, 2].
+        patch: of each face: faces of one view that are connected by edges, int32 [F].
+        shows: tells of faces and views (positions among ``views``) which a view shows well enough to paint it.
         corrections: of the colours at seams.
         source: position among ``views`` -> the photo to paint with.
         visibility: options that the views were found by.
@@ -61,6 +63,8 @@ class Painting:
     views: list[View]
     label: NDArray[np.int32]
     neighbours: NDArray[np.int64]
+    patch: NDArray[np.int32]
+    shows: ShownFaces
     corrections: Corrections
     source: Originals
     visibility: VisibilityOptions

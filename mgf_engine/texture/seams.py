@@ -81,7 +81,7 @@ def level_seams(
     node, of_corner = np.unique(key, return_inverse=True)
     of_corner = of_corner.reshape(-1, 3)
     sides = neighbours[label[neighbours[:, 0]] != label[neighbours[:, 1]]]
-    ends = _shared_edges(mesh.faces, sides)
+    ends = shared_edges(mesh.faces, sides)
     samples = _samples(mesh, ends, label[sides], views, options)
     difference = _differences(mesh, ends, samples, label[sides], views, photo, options)
     weight = samples * _flat(mesh, sides, options) / (1.0 + (np.abs(difference).max(1, initial=0) / options.usual) ** 2)
@@ -100,7 +100,7 @@ def level_seams(
     return Corrections(of_corner, _solve(matrix.tocsr(), right))
 
 
-def _shared_edges(faces: NDArray[np.int32], pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def shared_edges(faces: NDArray[np.int32], pairs: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the two vertices that the faces of each pair share, [K, 2]."""
     first, second = faces[pairs[:, 0]], faces[pairs[:, 1]]
     shared = (first[:, :, None] == second[:, None]).any(2)

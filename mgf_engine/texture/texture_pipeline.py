@@ -17,12 +17,13 @@ from mgf_engine.model.masks import MaskSet, building
 from mgf_engine.model.mesh import Mesh, Texture
 from mgf_engine.model.scene import Scene, View
 from mgf_engine.texture.bake import bake
-from mgf_engine.texture.charts import ChartOptions, lay_out
+from mgf_engine.texture.blending import BlendOptions
+from mgf_engine.texture.charts import ChartOptions, lay_out, merge_patches
 from mgf_engine.texture.model import NO_VIEW, painting_views
 from mgf_engine.texture.painting import Originals, Painting
 from mgf_engine.texture.seams import SeamOptions, level_seams
 from mgf_engine.texture.view_selection import ViewSelectionOptions, choose_views, patches
-from mgf_engine.texture.visibility import VisibilityOptions, find_face_views
+from mgf_engine.texture.visibility import ShownFaces, VisibilityOptions, find_face_views
 
 log = logging.getLogger("mgf")
 
@@ -38,6 +39,7 @@ class TextureOptions:
     views: ViewSelectionOptions = ViewSelectionOptions()
     seams: SeamOptions = SeamOptions()
     charts: ChartOptions = ChartOptions()
+    blend: BlendOptions = BlendOptions()
 
 
 def make_texture(
@@ -61,13 +63,14 @@ def make_texture(
         options: of the choice of views, the levelling and the picture.
     """
     painting = choose_painting(mesh, scene, masks, lambda share: progress(_CHOICE * share), options)
-    views, label, neighbours = painting.views, painting.label, painting.neighbours
+    views, label = painting.views, painting.label
     finest = float(np.median([v.original_width / v.width for v in views]))
-    layout = lay_out(
-        _in_views(mesh, label, views), label, patches(label, neighbours), max(1.0, finest), largest_side,
-        options.charts,
-    )  # fmt: skip
-    image = bake(mesh, layout, painting, lambda share: progress(_CHOICE + (1 - _CHOICE) * share), options.charts)
+    uv = _in_views(mesh, label, views)
+    chart = merge_patches(uv, label, painting.patch, options.charts)
+    layout = lay_out(uv, label, chart, max(1.0, finest), largest_side, options.charts)
+    image = bake(
+        mesh, layout, painting, lambda share: progress(_CHOICE + (1 - _CHOICE) * share), options.charts, options.blend
+    )
     gone = painting.source.gone
     if gone:
         warn(
@@ -119,7 +122,9 @@ def choose_painting(
     corrections = level_seams(mesh, label, neighbours, views, photo, options.seams)
     progress(1.0)
     originals = Originals(views, photo)
-    return Painting(chosen, views, label, neighbours, corrections, originals, options.visibility)
+    shows = ShownFaces(face_views.face, face_views.view)
+    patch = patches(label, neighbours)
+    return Painting(chosen, views, label, neighbours, patch, shows, corrections, originals, options.visibility)
 
 
 def _in_views(mesh: Mesh, label: NDArray[np.int32], views: list[View]) -> NDArray[np.float64]:

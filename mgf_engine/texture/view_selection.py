@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mgf_engine.geometry.components import label_components
 from mgf_engine.options.algorithms import parameter
 from mgf_engine.texture.model import NO_VIEW
-from mgf_engine.texture.visibility import FaceViews, VisibilityOptions
+from mgf_engine.texture.visibility import FaceViews, ShownFaces, VisibilityOptions
 
 
 @dataclass(frozen=True)
@@ -46,25 +46,10 @@ def choose_views(
     share = face_views.size / best[face_views.face]
     label = _cover(face_views, share >= options.nearly_best, area)
     fair = share >= least_size
-    shows = _Pairs(face_views.face[fair], face_views.view[fair])
+    shows = ShownFaces(face_views.face[fair], face_views.view[fair])
     for step in range(options.rounds):
         label = _smooth_labels(label, neighbours, shows, step % 2)
     return _without_small(label, neighbours, shows, best, options)
-
-
-class _Pairs:
-    """Set of pairs of a face and a view that may texture it; called with faces and views [K], tells which are in it."""
-
-    def __init__(self, face: NDArray[np.int32], view: NDArray[np.int32]) -> None:
-        self._base = int(view.max(initial=0)) + 1
-        self._keys = np.sort(face.astype(np.int64) * self._base + view)
-
-    def __call__(self, face: NDArray[np.integer], view: NDArray[np.integer]) -> NDArray[np.bool_]:
-        if not len(self._keys):
-            return np.zeros(len(face), bool)
-        key = face.astype(np.int64) * self._base + view
-        at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
-        return np.asarray((self._keys[at] == key) & (view >= 0), bool)
 
 
 def _cover(face_views: FaceViews, good: NDArray[np.bool_], area: NDArray[np.float64]) -> NDArray[np.int32]:
@@ -80,7 +65,7 @@ def _cover(face_views: FaceViews, good: NDArray[np.bool_], area: NDArray[np.floa
 
 
 def _smooth_labels(
-    label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: _Pairs, parity: int
+    label: NDArray[np.int32], neighbours: NDArray[np.int64], shows: ShownFaces, parity: int
 ) -> NDArray[np.int32]:
     """Give the faces of one parity the view that two of their neighbours have, where it shows them, int32 [F]."""
     first, second = np.concatenate([neighbours, neighbours[:, ::-1]]).T
@@ -105,7 +90,7 @@ def patches(label: NDArray[np.int32], neighbours: NDArray[np.int64]) -> NDArray[
 def _without_small(
     label: NDArray[np.int32],
     neighbours: NDArray[np.int64],
-    shows: _Pairs,
+    shows: ShownFaces,
     size: NDArray[np.float32],
     options: ViewSelectionOptions,
 ) -> NDArray[np.int32]:

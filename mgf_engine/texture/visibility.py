@@ -36,6 +36,11 @@ class VisibilityOptions:
     hidden: float = parameter(
         0.01, "Distance behind the visible surface from which a place is hidden, as a share of its depth"
     )
+    rim: float = parameter(
+        4.0, "Distance from what hides the building or lies behind it below which a face counts little", "px"
+    )
+    rim_share: float = parameter(0.2, "Share of a large face's area from which it counts as that near", high=1)
+    rim_weight: float = parameter(0.1, "Weight of a face's size in a photo where it lies that near")
     least_cosine: float = parameter(
         0.15, "Cosine between a face's normal and the ray below which a photo does not paint it", high=1
     )
@@ -59,6 +64,21 @@ class FaceViews:
     face: NDArray[np.int32]
     size: NDArray[np.float32]
     faces: int
+
+
+class ShownFaces:
+    """Set of pairs of a face and a view that may texture it; called with faces and views [K], tells which are in it."""
+
+    def __init__(self, face: NDArray[np.int32], view: NDArray[np.int32]) -> None:
+        self._base = int(view.max(initial=0)) + 1
+        self._keys = np.sort(face.astype(np.int64) * self._base + view)
+
+    def __call__(self, face: NDArray[np.integer], view: NDArray[np.integer]) -> NDArray[np.bool_]:
+        if not len(self._keys):
+            return np.zeros(len(face), bool)
+        key = face.astype(np.int64) * self._base + view
+        at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
+        return np.asarray((self._keys[at] == key) & (view >= 0), bool)
 
 
 def find_face_views(
@@ -151,8 +171,12 @@ def _shown(
     kept = np.where(area < options.large, at_corners[face], drawn[face] >= options.shown * area)
     kept &= (area > 0) & (_facing(mesh, normals, face, view) > options.least_cosine)
     face, area = face[kept], area[kept]
-    deviating = off[mesh.faces[face]].mean(1) > options.other_color
-    return face.astype(np.int32), np.where(deviating, options.odd_weight * area, area).astype(np.float32)
+    area = np.where(off[mesh.faces[face]].mean(1) > options.other_color, options.odd_weight * area, area)
+    near = _at_rim(buffers.depth, inside, options)
+    of_pixels = np.bincount(buffers.face[near & inside & (buffers.face >= 0)], minlength=len(mesh.faces))[face]
+    x, y = np.clip(at[mesh.faces[face], :2].astype(np.int64), 0, (view.width - 1, view.height - 1)).transpose(2, 0, 1)
+    rim = np.where(area < options.large, near[y, x].any(1), of_pixels > options.rim_share * drawn[face])
+    return face.astype(np.int32), np.where(rim, options.rim_weight * area, area).astype(np.float32)
 
 
 def _at_vertices(
@@ -172,6 +196,16 @@ def _at_vertices(
     visible[framed] = near & (cv2.dilate(inside.astype(np.uint8), around)[y, x] > 0)
     off[framed] = np.abs(sample_pixels(photo, at[framed, :2]).astype(np.float32) - mesh.colors[framed]).max(1)
     return visible, off
+
+
+def _at_rim(depth: NDArray[np.float32], inside: NDArray[np.bool_], options: VisibilityOptions) -> NDArray[np.bool_]:
+    """Find the pixels near one beside the building or near a nearer part of it, [H, W].
+
+    Surface and masks are a pixel or two off, so that leaves, sky or another wall may be painted there.
+    """
+    hides = cv2.erode(np.where(depth > 0, depth, np.float32(1e30)), np.ones((3, 3), np.uint8))
+    clear = inside & (depth > 0) & (depth < hides * (1 + 3 * options.hidden))
+    return np.asarray(cv2.distanceTransform(clear.astype(np.uint8), cv2.DIST_L2, 3) < options.rim)
 
 
 def _area(at: NDArray[np.float64]) -> NDArray[np.float64]:

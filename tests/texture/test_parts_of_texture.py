@@ -7,14 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from support.analytic import ball, camera, ring
 
 from mgf_engine.geometry.clean import face_neighbours
 from mgf_engine.geometry.rasterize import draw_triangles
 from mgf_engine.model.mesh import Mesh
-from mgf_engine.texture.charts import CELL, ChartOptions, lay_out, pack
+from mgf_engine.texture.charts import CELL, ChartOptions, lay_out, merge_patches
 from mgf_engine.texture.model import NO_VIEW
 from mgf_engine.texture.seams import level_seams
 from mgf_engine.texture.view_selection import choose_views, patches
@@ -71,20 +69,6 @@ def test_small_patches_go_to_a_neighbour_that_shows_them() -> None:
     assert (choose(sizes)[7:10] == 1).all()
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.integers(1, 60), st.integers(1, 60)), min_size=1, max_size=40), st.integers(64, 400))
-def test_rectangles_do_not_overlap(sizes: list[tuple[int, int]], side: int) -> None:
-    corner = pack(np.array(sizes), side)
-    if corner is None:
-        assert sum(w * h for w, h in sizes) > 0.2 * side * side  # shelves waste room, but not that much
-        return
-    taken = np.zeros((side, side), int)
-    for (x, y), (w, h) in zip(corner, sizes, strict=True):
-        assert x + w <= side and y + h <= side
-        taken[y : y + h, x : x + w] += 1
-    assert taken.max() == 1
-
-
 @pytest.mark.parametrize("largest", [256, 1024])
 def test_every_face_has_its_place(largest: int) -> None:
     rng = np.random.default_rng(1)
@@ -104,6 +88,31 @@ def test_every_face_has_its_place(largest: int) -> None:
     gutters = 2 * ChartOptions().gutter
     assert apart.min() >= gutters - 1e-9 or apart[:40, :40].min() >= gutters - 1e-9
     assert apart[40:, 40:].min() >= CELL - 4.5
+
+
+def test_patches_of_one_photo_share_a_rectangle_where_that_takes_less_room() -> None:
+    """A large triangle, a small one in the gap beside it, one far away, and one of another photo in the gap."""
+    large = np.array([[0, 0], [0, 300], [300, 300]], float)
+    small = np.array([[0, 0], [0, 20], [20, 20]], float)
+    uv = np.stack([large, *(small + np.array(at) for at in ((200, 50), (900, 900), (200, 100)))])
+    label, patch = np.array([0, 0, 0, 1], np.int32), np.arange(4, dtype=np.int32)
+    chart = merge_patches(uv, label, patch)
+    assert chart[0] == chart[1] and len(np.unique(chart)) == 3
+    layout = lay_out(uv, label, chart, 1.0, 2048)
+    assert np.abs((layout.at[0] - layout.at[1]) - (uv[0] - uv[1])).max() < 1e-9
+    apart = lay_out(uv, label, patch, 1.0, 2048)
+    assert layout.width * layout.height <= apart.width * apart.height
+    drawn = draw_triangles(layout.at, layout.height, layout.width)
+    assert np.unique(drawn).tolist() == [-1, 0, 1, 2, 3]
+
+
+def test_charts_lie_in_whole_pixels_of_their_photos() -> None:
+    rng = np.random.default_rng(5)
+    uv = rng.uniform(20, 400, (30, 1, 2)) + rng.uniform(0, 80, (30, 3, 2))
+    ids = np.arange(30, dtype=np.int32)
+    layout = lay_out(uv, ids, ids, 2.0, 2048)
+    shift = layout.at - 2.0 * uv
+    assert layout.scale == 2.0 and np.abs(shift - np.rint(shift)).max() < 1e-9
 
 
 def test_more_bare_faces_than_cells_make_the_picture_larger() -> None:
@@ -177,6 +186,34 @@ def test_a_photo_in_another_color_than_the_others_is_taken_only_where_no_other_s
     label = choose_all(found, mesh)
     seen_elsewhere = np.isin(np.arange(len(mesh.faces)), found.face[found.view != 0])
     assert not (label[seen_elsewhere] == 0).any()
+
+
+@pytest.mark.parametrize("hidden_by", ["mask", "wall"])
+def test_beside_what_hides_the_building_another_photo_paints(hidden_by: str) -> None:
+    """A ball before two cameras; the nearer one has leaves, or a plate, before the middle of it."""
+    mesh, views = ball(subdivisions=5), [camera((3.6, 0, 0)), camera((4.0, 1.2, 0))]
+    photos = [np.full((v.height, v.width, 3), 128, np.uint8) for v in views]
+    inside = [np.ones(p.shape[:2], bool) for p in photos]
+    if hidden_by == "mask":
+        inside[0][56:72, 72:88] = False
+    else:
+        plate = np.array([[2.0, -0.07, -0.07], [2.0, 0.07, -0.07], [2.0, 0.07, 0.07], [2.0, -0.07, 0.07]])
+        faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32) + len(mesh.vertices)
+        mesh = Mesh(
+            np.concatenate([mesh.vertices, plate]), np.concatenate([mesh.faces, faces]), np.zeros((0, 3), np.uint8)
+        )
+    mesh = replace(mesh, colors=np.full((len(mesh.vertices), 3), 128, np.uint8))
+    on_ball = np.arange(len(mesh.faces)) < len(ball(subdivisions=5).faces)
+    found = {
+        rim: find_face_views(mesh, views, lambda i: photos[i], lambda i: inside[i], options=VisibilityOptions(rim=rim))
+        for rim in (0.0, 4.0)
+    }
+    at = views[0].project(mesh.vertices[mesh.faces].mean(1))[0]
+    beside = on_ball & (np.abs(at - (80, 64)).max(1) < 8 + 3)
+    by = {(rim, v): found[rim].face[found[rim].view == v] for rim in found for v in range(2)}
+    both = np.intersect1d(np.intersect1d(by[0.0, 0], by[0.0, 1]), np.flatnonzero(beside))
+    assert len(both) > 20 and not np.isin(both, by[4.0, 0]).any() and np.isin(both, by[4.0, 1]).all()
+    assert (choose_all(found[4.0], mesh)[both] == 1).all()
 
 
 def test_views_that_are_small_beside_others_are_dropped_underway() -> None:
