@@ -173,9 +173,9 @@ def _take_known(
     Returns:
         planes with their noise, and labels [F].
     """
-    found, label = list(found), label.copy()
     if not known:
         return found, label
+    found, label = list(found), label.copy()
     regions = sorted(_known_regions(faces, known, options), key=lambda region: -faces.area[region[1]].sum())
     for grown, inside in regions:
         held = label[inside]

@@ -32,7 +32,7 @@ def read_start(path: Path) -> StartSurface | None:
         return None
     try:
         data = read_arrays(path)
-        planes = data.get("planes", np.zeros((0, 4)))  # files of version 0.9 and before have none
+        planes = data.get("planes", np.zeros((0, 4)))  # files of earlier versions have none
         vertices, faces, confidence, dense, seen, pixel = (data[name] for name in _NAMES[:-1])
     except (OSError, ValueError, KeyError):
         return None

@@ -86,6 +86,11 @@ def test_it_comes_back_from_its_file(found: StartSurface, tmp_path: Path) -> Non
     assert back.pixel == found.pixel
     np.testing.assert_array_equal(back.planes, found.planes)
     assert len(found.planes) > 3 and np.allclose(np.linalg.norm(found.planes[:, :3], axis=1), 1)
+    with np.load(tmp_path / "start.npz") as data:
+        earlier = {name: data[name] for name in data.files if name != "planes"}
+    np.savez(tmp_path / "earlier.npz", **earlier)
+    without = read_start(tmp_path / "earlier.npz")
+    assert without is not None and without.planes.shape == (0, 4)
     (tmp_path / "start.npz").write_bytes(b"PK\x03\x04 nothing")
     assert read_start(tmp_path / "start.npz") is None
     assert read_start(tmp_path / "none.npz") is None
