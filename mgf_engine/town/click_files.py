@@ -62,7 +62,8 @@ def with_hand_clicks(
         photos: name -> file of each photo of the scene.
 
     Raises:
-        BadInput: a file cannot be read, holds no clicks on a building, or names a photo that is none of the scene's.
+        BadInput: a file cannot be read, or names a photo that is none of the scene's; one that is given holds no clicks
+            on a building, or some outside of their photos.
     """
     own, given = folder / CLICKS, None if by_hand is None else by_hand / f"{building.hull.id}.json"
     path = given if given is not None and given.is_file() else own
@@ -72,7 +73,8 @@ def with_hand_clicks(
     strange = sorted(set(clicks) - set(photos))
     if strange:
         raise BadInput(f"'{path}' names the photo '{strange[0]}', which the scene does not have; correct it.")
-    check_prompts(PromptsFile.read(path), photos, placed=True)
+    if path == given:  # faults of the folder's own clicks are the building's: its job says them, and the others run
+        check_prompts(PromptsFile.read(path), photos, placed=True)
     return replace(building, hull=replace(building.hull, state=BY_HAND, reason=""), clicks=clicks, by_hand=True)
 
 
@@ -101,6 +103,16 @@ def made_automatically(folder: Path) -> set[str]:
 def _automatic(folder: Path, earlier: dict[str, str]) -> set[str]:
     """Return the digests of the automatic clicks of a building, by its folder and by the plan before."""
     return made_automatically(folder) | {earlier.get(folder.name, "")}
+
+
+def count_clicks(clicks: dict[str, Any]) -> dict[str, list[int]]:
+    """Count the clicks on the building and beside it in each photo; 0 of what is no list, which the job reports."""
+
+    def count(entry: Any, kind: str) -> int:
+        values = entry.get(kind) if isinstance(entry, dict) else None
+        return len(values) if isinstance(values, list) else 0
+
+    return {name: [count(entry, kind) for kind in ("positive", "negative")] for name, entry in clicks.items()}
 
 
 def read_clicks(path: Path) -> dict[str, Any]:

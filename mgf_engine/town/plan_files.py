@@ -30,7 +30,7 @@ from mgf_engine.options.config import Config, make_config
 from mgf_engine.scene.adjust import AdjustOptions, adjust_if_inconsistent
 from mgf_engine.scene.colmap import find_model, read_model
 from mgf_engine.scene.sparse import SparseModel
-from mgf_engine.town.click_files import digest, read_automatic, with_hand_clicks, write_clicks
+from mgf_engine.town.click_files import count_clicks, digest, read_automatic, with_hand_clicks, write_clicks
 from mgf_engine.town.crop import crop_box
 from mgf_engine.town.footprints import Footprints
 from mgf_engine.town.hulls import DOUBTFUL
@@ -140,8 +140,7 @@ def _row(building: Building, plan: Plan, user_options: dict[str, Any], polygons:
         "height": round((hull.high - hull.low) / metre, 2), "area": round(hull.polygon.area / metre**2, 2),
         "points": hull.points, "photos": names, "candidates": choice.candidates, "share": round(choice.share, 4),
         "pixel": round(choice.pixel, 4), "seen": round(choice.seen, 3),
-        "clicked": {name: [len(e.get("positive", [])), len(e.get("negative", []))]
-                    for name, e in building.clicks.items()},
+        "clicked": count_clicks(building.clicks),
         "automatic": "" if building.by_hand else digest(building.clicks), "options": options,
     }  # fmt: skip
     if names:

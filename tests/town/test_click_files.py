@@ -12,7 +12,14 @@ import shapely
 
 from mgf_engine.errors import BadInput
 from mgf_engine.files.images import write_png
-from mgf_engine.town.click_files import digest, made_automatically, read_automatic, with_hand_clicks, write_clicks
+from mgf_engine.town.click_files import (
+    count_clicks,
+    digest,
+    made_automatically,
+    read_automatic,
+    with_hand_clicks,
+    write_clicks,
+)
 from mgf_engine.town.hulls import BY_HAND, DOUBTFUL, READY, Hull
 from mgf_engine.town.plan import Building
 from mgf_engine.town.suggest import check_earlier
@@ -91,6 +98,21 @@ def test_what_is_no_clicks_is_refused_with_its_file(
     with pytest.raises(BadInput, match=said) as error:
         with_hand_clicks(building(AUTOMATIC), tmp_path / "house", tmp_path, {}, photos)
     assert str(tmp_path / "house.json") in str(error.value)
+
+
+@pytest.mark.parametrize("entry", [{"positive": [[21, 5]]}, {"positive": 5}, [[1, 2]], None])
+def test_faults_of_a_building_s_own_clicks_are_left_to_its_job(
+    entry: object, tmp_path: Path, photos: dict[str, Path]
+) -> None:
+    (tmp_path / "house").mkdir()
+    (tmp_path / "house" / "prompts.json").write_text(json.dumps({"a.png": entry}))
+    found = with_hand_clicks(building(AUTOMATIC), tmp_path / "house", None, {}, photos)
+    assert found.by_hand and found.clicks == {"a.png": entry}
+    assert count_clicks(found.clicks) == {"a.png": [int(entry == {"positive": [[21, 5]]}), 0]}
+
+
+def test_clicks_are_counted() -> None:
+    assert count_clicks({**BETTER, "b.png": {"positive": [[1, 1], [2, 2]]}}) == {"a.png": [1, 1], "b.png": [2, 0]}
 
 
 def test_suggestions_take_the_place_of_suggestions_alone(tmp_path: Path) -> None:
